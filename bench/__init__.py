@@ -1,0 +1,1 @@
+"""The application: commands, station, runner, run store, analysis, diagnosis, report."""

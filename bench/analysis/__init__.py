@@ -1,0 +1,1 @@
+"""From events to response tables, S-curves, thresholds and background rates."""

@@ -1,0 +1,1 @@
+"""The commands of evs-bench, one file each."""

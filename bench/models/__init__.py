@@ -1,0 +1,1 @@
+"""Models of the pixel, fitted to a run."""

@@ -1,0 +1,1 @@
+"""The instruments: interfaces, real drivers, and decoders of event streams."""

@@ -1,0 +1,1 @@
+"""The pixel's physics, and instruments made of it."""

@@ -1,0 +1,1 @@
+"""Engines: chain + stimulus + seed -> events."""
