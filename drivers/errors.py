@@ -78,9 +78,7 @@ class OutOfRange(DeviceError):
         Unit of the three.
     """
 
-    def __init__(
-        self, device: str, quantity: str, value: float, lowest: float, highest: float, unit: str
-    ) -> None:
+    def __init__(self, device: str, quantity: str, value: float, lowest: float, highest: float, unit: str) -> None:
         self.quantity = quantity
         self.value = value
         self.lowest = lowest

@@ -150,9 +150,7 @@ class LightSource(Device):
     """
 
     timing: Literal["host", "device"]  #: who times the edges of a waveform
-    limits: (
-        Limits  #: lowest and highest level that is lit, in the unit of the source; 0 (dark) is always allowed
-    )
+    limits: Limits  #: lowest and highest level that is lit, in the unit of the source; 0 (dark) is always allowed
     edge_time_s: float  #: 10 % to 90 % of a step, s
     settling_s: float  #: from a step until the light is stable, s
 
@@ -202,9 +200,7 @@ class FilterWheel(Device):
         self.require_connected(f"select filter {name}")
         names = [f.name for f in self.filters]
         if name not in names:
-            raise WrongState(
-                self.name, f"select filter {name!r}", "no such filter", f"it has {', '.join(names)}"
-            )
+            raise WrongState(self.name, f"select filter {name!r}", "no such filter", f"it has {', '.join(names)}")
         self._select(name)
 
     @abstractmethod
