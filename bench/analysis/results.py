@@ -92,6 +92,9 @@ class SCurve:
     answered_resets: float  #: the lowest share among its points that matter; NaN without resets
     limited_by: ResponsePolarity | None  #: square wave: the curve shows this other, less sensitive threshold
     warnings: tuple[str, ...]
+    theta_99: tuple[float, float] | None = None  #: 99 % interval of `theta`
+    mismatch: Estimate | None = None  #: spread of the threshold over the pixels, from the same fit, ln units
+    corner_hz: Estimate | None = None  #: corner of the low-pass, from the same fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,7 @@ class BackgroundRow:
     events: int
     pixel_seconds: float
     rate: Estimate  #: events per pixel and second (Hz)
+    settings: str = ""  #: label of the bias settings, empty where a run has only one
 
 
 @dataclass(frozen=True, slots=True)

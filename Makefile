@@ -1,0 +1,74 @@
+# A fresh machine needs Python 3.11 or newer (with pip and venv), git and make. Everything else is put into .venv.
+#
+#   make demo    measure a simulated sensor, and print where the report is
+#   make test    all tests
+#   make check   lint, types, import contracts, quick tests, wheel
+#   make bench   speed, side by side
+
+PYTHON ?= python3
+VENV   ?= .venv
+SEED   ?= 1
+BIN    := $(VENV)/bin
+PIP    := $(BIN)/python -m pip --disable-pip-version-check
+
+# Each level of the environment is a stamp, so that `make demo` does not wait for what only the developers need.
+RUN_ENV  := $(VENV)/.ready-run
+TEST_ENV := $(VENV)/.ready-test
+DEV_ENV  := $(VENV)/.ready-dev
+
+.PHONY: help demo test quick check lint types contracts wheel bench lock clean
+.DELETE_ON_ERROR:
+
+help:
+	@sed -n 's/^#   //p' Makefile
+
+demo: $(RUN_ENV)
+	$(BIN)/evs-bench demo --seed $(SEED)
+
+test: $(TEST_ENV)
+	$(BIN)/python -m pytest
+
+quick: $(TEST_ENV)
+	$(BIN)/python -m pytest -m "not slow"
+
+check: lint types contracts quick wheel
+
+lint: $(DEV_ENV)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(DEV_ENV)
+	$(BIN)/mypy
+
+contracts: $(DEV_ENV)
+	$(BIN)/lint-imports
+
+wheel: $(DEV_ENV)
+	$(BIN)/python .ci/check_wheel.py
+
+bench: $(TEST_ENV)
+	$(BIN)/python benchmarks/decode.py
+	$(BIN)/python benchmarks/engine.py
+
+lock:
+	.ci/lock
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "evs-bench needs Python 3.11 or newer; say which with: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(RUN_ENV): pyproject.toml requirements.lock | $(BIN)/python
+	$(PIP) install --quiet -c requirements.lock -e .
+	@touch $@
+
+$(TEST_ENV): $(RUN_ENV)
+	$(PIP) install --quiet -c requirements.lock -e '.[test]'
+	@touch $@
+
+$(DEV_ENV): $(TEST_ENV)
+	$(PIP) install --quiet -c requirements.lock -e '.[dev]'
+	@touch $@

@@ -1,0 +1,5 @@
+"""``python -m bench`` is ``evs-bench``."""
+
+from bench.cli import main
+
+main()

@@ -1,0 +1,127 @@
+"""The command `evs-bench`: finds the command, runs it, and turns every way to fail into one line and an exit code.
+
+Exit codes: 0 done; 1 bad input or usage; 2 a device failed; 70 a bug of ours; 130 stopped by the operator.
+Results go to stdout, everything else to stderr.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["EXIT_BUG", "EXIT_DEVICE", "EXIT_INPUT", "EXIT_STOPPED", "main"]
+
+EXIT_INPUT: Final = 1
+EXIT_DEVICE: Final = 2
+EXIT_BUG: Final = 70
+EXIT_STOPPED: Final = 130
+
+#: Name of each command, what `--help` says of it, in the order of the work. The modules are imported when needed.
+_COMMANDS: Final = {
+    "demo": "Measure a simulated sensor and compare the result with the truth.",
+    "protocols": "List the protocols that come with the bench; copy or show one.",
+    "check": "Look a protocol over before it is run: limits, warnings, time and size.",
+    "run": "Run a protocol on a station, and leave a run folder.",
+    "rerun": "Take a simulated run once more: the same events again.",
+    "analyze": "Turn a run into S-curves, thresholds and background rates.",
+    "report": "Make the report of a run: one HTML file, figures and tables.",
+    "import": "Make a run of recordings that were taken elsewhere.",
+    "events": "Say what is in a recording.",
+    "devices": "List the drivers, and what answers on a station.",
+}
+
+
+class _LazyGroup(click.Group):
+    """A group that imports a command only when it is called, so that `--help` is instant."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        del ctx
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        del ctx
+        if cmd_name not in _COMMANDS:
+            return None
+        module = importlib.import_module(f"bench.commands.{cmd_name.replace('import', 'import_')}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    if value and not ctx.resilient_parsing:
+        from bench.version import version
+
+        click.echo(f"evs-bench {version()}")
+        ctx.exit()
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_print_version, help="Print the version."
+)
+def cli() -> None:
+    """Measure event-based vision sensors, on a real bench or a simulated one.
+
+    A first look, without hardware:  evs-bench demo
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run `evs-bench` with `arguments` (default: those of the process) and exit with its code."""
+    sys.exit(run(list(sys.argv[1:] if arguments is None else arguments)))
+
+
+def run(arguments: list[str]) -> int:
+    """Run `evs-bench` with `arguments` and return its exit code."""
+    try:
+        result: Any = cli.main(arguments, prog_name="evs-bench", standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        return _fail(EXIT_INPUT, _usage(error))
+    except (KeyboardInterrupt, click.Abort):
+        return _fail(EXIT_STOPPED, "stopped")
+    except BrokenPipeError:
+        # The reader of our output went away (`evs-bench events f | head`): nothing to tell, and nowhere to tell it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:  # noqa: BLE001 - the last resort: every failure becomes one line and a code
+        return _report(error)
+    return result if isinstance(result, int) else 0
+
+
+def _usage(error: click.ClickException) -> str:
+    context = getattr(error, "ctx", None)
+    hint = f" (see {context.command_path} --help)" if isinstance(error, click.UsageError) and context else ""
+    return " ".join(error.format_message().split()) + hint
+
+
+def _report(error: Exception) -> int:
+    from drivers.errors import DeviceError
+    from protocols.errors import InputError
+
+    if isinstance(error, InputError):
+        return _fail(EXIT_INPUT, *[str(problem) for problem in error.problems])
+    if isinstance(error, DeviceError):
+        return _fail(EXIT_DEVICE, str(error))
+    from bench.logs import record_bug
+
+    what = f"{type(error).__name__}: {error}".splitlines()[0]
+    return _fail(EXIT_BUG, f"this is a bug of evs-bench, please report it: {what} (traceback in {record_bug(error)})")
+
+
+def _fail(code: int, *lines: str) -> int:
+    for line in lines:
+        click.echo(f"evs-bench: {line}", err=True)
+    return code

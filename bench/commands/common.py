@@ -1,0 +1,59 @@
+"""What the commands share: output, progress, and how an operator is asked."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+__all__ = ["json_option", "print_json", "print_table", "say", "station_option"]
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table.")
+station_option = click.option(
+    "--station", default="simulated", show_default=True, metavar="S", help="A shipped station, or a station file."
+)
+
+
+def say(text: str) -> None:
+    """Tell the operator something that is not a result: it goes to stderr."""
+    click.echo(text, err=True)
+
+
+def print_json(payload: dict[str, Any]) -> None:
+    """Print a result as JSON; numbers that are not finite become null."""
+    click.echo(json.dumps(_finite(payload), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print rows of text in aligned columns; columns of numbers are aligned to the right."""
+    table = [list(header), *[list(row) for row in rows]]
+    widths = [max(len(row[i]) for row in table) for i in range(len(header))]
+    right = [all(_is_number(row[i]) for row in table[1:]) for i in range(len(header))]
+    for row in table:
+        cells = (c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True))
+        click.echo("  ".join(cells).rstrip())
+
+
+def _is_number(cell: str) -> bool:
+    return not cell or cell[0] in "-+.0123456789"
+
+
+def interactive() -> bool:
+    """Return whether an operator sits at a terminal."""
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()

@@ -1,0 +1,35 @@
+"""`evs-bench report`: one HTML file, figures and tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bench.commands.common import json_option, print_json, say
+
+__all__ = ["command"]
+
+
+@click.command(name="report")
+@click.argument("run", type=click.Path(path_type=Path))
+@json_option
+def command(run: Path, as_json: bool) -> None:
+    """Make the report of the run folder RUN, in RUN/report: one HTML file, figures as PNG and PDF, tables as CSV."""
+    from bench.analysis import analyze
+    from bench.analysis.tables import save
+    from bench.logs import log_into
+    from bench.models.trace import model_trace
+    from bench.report import write_report
+    from bench.store import Run
+
+    opened = Run.open(run)
+    with log_into(run / "evs-bench.log"):
+        analysis = analyze(opened)
+        save(analysis, run)
+        page = write_report(opened, analysis, run / "report", model_trace=model_trace(opened, analysis))
+    if as_json:
+        print_json({"format": "evs-bench-report/1", "run": str(run), "report": str(page)})
+    else:
+        click.echo(str(page))
+    say("open it in a browser; figures and tables lie beside it")

@@ -1,0 +1,65 @@
+"""Where the log goes: beside the data it is about, and into the user's own folder when there is no run yet."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["log_into", "record_bug"]
+
+_FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+_logger: Final = logging.getLogger("evs_bench")
+_logger.addHandler(logging.NullHandler())
+_open_logs: list[Path] = []
+
+
+@contextlib.contextmanager
+def log_into(file: Path) -> Iterator[None]:
+    """Append everything that is logged meanwhile to `file`."""
+    handler = logging.FileHandler(file, encoding="utf-8")
+    handler.setFormatter(logging.Formatter(_FORMAT))
+    _logger.addHandler(handler)
+    _logger.setLevel(logging.INFO)
+    _open_logs.append(file)
+    try:
+        yield
+    except Exception:
+        _logger.exception("ended by an error")
+        raise
+    else:
+        _open_logs.remove(file)
+    finally:
+        _logger.removeHandler(handler)
+        handler.close()
+
+
+def record_bug(error: Exception) -> Path:
+    """Write the traceback of `error` to the log that was open, or to the user's own, and return where it is."""
+    if _open_logs:
+        return _open_logs[-1]  # log_into has written it there already
+    file = _own_log()
+    handler = logging.FileHandler(file, encoding="utf-8")
+    handler.setFormatter(logging.Formatter(_FORMAT))
+    _logger.addHandler(handler)
+    _logger.error("ended by an error", exc_info=error)
+    _logger.removeHandler(handler)
+    handler.close()
+    return file
+
+
+def _own_log() -> Path:
+    for base in (os.environ.get("XDG_STATE_HOME"), str(Path("~/.local/state").expanduser()), tempfile.gettempdir()):
+        if base:
+            folder = Path(base) / "evs-bench"
+            with contextlib.suppress(OSError):
+                folder.mkdir(parents=True, exist_ok=True)
+                if os.access(folder, os.W_OK):
+                    return folder / "evs-bench.log"
+    return Path("evs-bench.log")

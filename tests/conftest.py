@@ -1,0 +1,42 @@
+"""What all tests share: where the fixtures are, and the rule that nothing is skipped in silence."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_ALLOWED = Path(__file__).parent / "allowed_skips.txt"
+_skipped: list[str] = []
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """Return the folder of fixtures, each with its source and licence."""
+    return Path(__file__).parent / "data"
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    outcome = yield
+    report = outcome.get_result()  # type: ignore[attr-defined]
+    if report.skipped and not hasattr(report, "wasxfail"):
+        _skipped.append(item.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Where skips are not allowed, a test that was skipped and is not on the list fails the run."""
+    if os.environ.get("EVS_BENCH_STRICT_SKIPS") != "1":
+        return
+    allowed = {line.split("#")[0].strip() for line in _ALLOWED.read_text().splitlines()}
+    unexpected = [node for node in _skipped if node not in allowed]
+    if unexpected:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        reporter = session.config.pluginmanager.getplugin("terminalreporter")
+        if reporter is not None:
+            reporter.write_line("skipped, and not in tests/allowed_skips.txt: " + ", ".join(unexpected), red=True)

@@ -1,0 +1,151 @@
+"""The installed command: exit codes, where output goes, and how quickly it answers."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+COMMANDS = ("demo", "protocols", "check", "run", "rerun", "analyze", "report", "import", "events", "devices")
+EVS_BENCH = str(Path(sys.executable).parent / "evs-bench")
+
+FIVE_MISTAKES = """\
+format: evs-bench-protocol/1
+title: five mistakes
+roi: {x: 632, y: 352, width: 0, height: 16}
+expect: {theta_on: 0.3, theta_off: 0.25, dark_light_lux: 0.146, bandwidth_hz: 200}
+measurements:
+  - name: "on"
+    stimulus: {kind: reset_test, polarity: on, gap_s: -1, reset_s: 0.04, test_s: 0.04, windw_s: 0.04,
+               reset_contrast: {scale: linear, value: 1.2}}
+    pulses: many
+    sweep:
+      iluminance_lux: [100]
+      contrast: {scale: log, values: [0.2, 0.3]}
+"""
+
+
+def evs_bench(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run the installed command, without a terminal."""
+    return subprocess.run(
+        [EVS_BENCH, *arguments], cwd=cwd, capture_output=True, text=True, timeout=250, stdin=subprocess.DEVNULL
+    )
+
+
+def test_help_names_every_command(tmp_path: Path) -> None:
+    done = evs_bench("--help", cwd=tmp_path)
+    assert done.returncode == 0
+    assert all(name in done.stdout for name in COMMANDS)
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_has_help_and_loads_nothing_heavy(command: str, tmp_path: Path) -> None:
+    code = (
+        "import sys; from bench.cli import run; code = run([sys.argv[1], '--help']);"
+        "heavy = {'numba', 'matplotlib', 'scipy', 'h5py', 'pydantic'} & set(sys.modules);"
+        "sys.exit(f'{heavy} were loaded' if heavy else code)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, command], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("Usage: evs-bench")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("frobnicate",),
+        ("run",),
+        ("run", "no_such_protocol"),
+        ("check", "quick_look", "--station", "no_such_station"),
+        ("analyze", "no_such_run"),
+        ("report", "no_such_run"),
+        ("events", "no_such_file.raw"),
+        ("import", "no_such_folder", "--out", "x"),
+        ("protocols", "copy", "no_such_protocol"),
+        ("rerun", "no_such_run"),
+    ],
+    ids=" ".join,
+)
+def test_bad_input_is_one_line_and_exit_code_1(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    done = evs_bench(*arguments, cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert done.stderr.startswith("evs-bench: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_five_mistakes_make_five_lines_and_take_nothing(tmp_path: Path) -> None:
+    (tmp_path / "five.yaml").write_text(FIVE_MISTAKES)
+    for command in ("check", "run"):
+        done = evs_bench(command, "five.yaml", cwd=tmp_path)
+        lines = done.stderr.splitlines()
+        assert done.returncode == 1
+        assert len(lines) == 5, done.stderr
+        places = [line.removeprefix("evs-bench: ").split(": ")[0] for line in lines]
+        assert [place.split(":")[1] for place in places] == ["3", "7", "7", "9", "11"], done.stderr
+        assert "did you mean 'illuminance_lux'" in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["five.yaml"]
+
+
+def test_protocols_lists_and_copies_without_overwriting(tmp_path: Path) -> None:
+    listing = json.loads(evs_bench("protocols", "--json", cwd=tmp_path).stdout)
+    assert listing["format"] == "evs-bench-protocols/1"
+    assert {"quick_look", "on_family", "off_family"} <= {p["name"] for p in listing["protocols"]}
+    assert evs_bench("protocols", "copy", "quick_look", cwd=tmp_path).returncode == 0
+    again = evs_bench("protocols", "copy", "quick_look", cwd=tmp_path)
+    assert again.returncode == 1
+    assert "exists already" in again.stderr
+
+
+def test_a_closed_pipe_is_not_an_error(tmp_path: Path) -> None:
+    done = subprocess.run(
+        f"{EVS_BENCH} protocols show on_family | head -1", shell=True, cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip  # noqa: S602
+    assert done.stderr == ""
+
+
+def test_interrupt_stops_at_a_safe_moment_with_130(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [EVS_BENCH, "run", "quick_look", "--out", "run"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True,
+    ) as process:  # fmt: skip
+        deadline = time.monotonic() + 60
+        while not list(tmp_path.glob("run/points/*.h5")):
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+    assert process.returncode == 130
+    journal = [json.loads(line) for line in (tmp_path / "run/journal.jsonl").read_text().splitlines()]
+    assert journal[-1]["state"] == "run_aborted"
+    done = [entry for entry in journal if entry["state"] == "done"]
+    assert len(done) == len(list(tmp_path.glob("run/points/*.h5")))
+    assert not list(tmp_path.glob("run/points/*.part"))
+
+
+def test_a_bug_is_one_line_with_the_traceback_in_the_log(tmp_path: Path) -> None:
+    code = (
+        "import bench.commands.devices as d\n"
+        "def broken(*a, **k): raise RuntimeError('something is broken')\n"
+        "d.command.callback = broken\n"
+        "import sys; from bench.cli import run; sys.exit(run(['devices']))"
+    )
+    environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 70
+    assert len(done.stderr.splitlines()) == 1
+    assert "something is broken" in done.stderr
+    assert "Traceback" in (tmp_path / "evs-bench" / "evs-bench.log").read_text()
