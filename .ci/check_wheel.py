@@ -69,7 +69,7 @@ def main() -> None:
         wheel = build(folder)
         look_into(wheel)
         use(wheel, folder)
-        print(f"wheel: {wheel.name} holds {', '.join(sorted(PACKAGES))}, installs and runs elsewhere")  # noqa: T201
+        print(f"wheel: {wheel.name} holds {', '.join(sorted(PACKAGES))}, installs and runs elsewhere")
 
 
 if __name__ == "__main__":

@@ -108,17 +108,25 @@ def test_protocols_lists_and_copies_without_overwriting(tmp_path: Path) -> None:
 
 
 def test_a_closed_pipe_is_not_an_error(tmp_path: Path) -> None:
-    done = subprocess.run(
-        f"{EVS_BENCH} protocols show on_family | head -1", shell=True, cwd=tmp_path, capture_output=True, text=True,
-    )  # fmt: skip  # noqa: S602
-    assert done.stderr == ""
+    with subprocess.Popen(
+        [EVS_BENCH, "protocols", "show", "on_family"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        if process.stdout is None or process.stderr is None:
+            pytest.fail("the pipes were not opened")
+        process.stdout.close()
+        complaint = process.stderr.read()
+    assert complaint == b""
+    assert process.returncode == 0
 
 
 def test_interrupt_stops_at_a_safe_moment_with_130(tmp_path: Path) -> None:
     with subprocess.Popen(
-        [EVS_BENCH, "run", "quick_look", "--out", "run"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        [EVS_BENCH, "run", "quick_look", "--out", "run"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-    ) as process:  # fmt: skip
+    ) as process:
         deadline = time.monotonic() + 60
         while not list(tmp_path.glob("run/points/*.h5")):
             assert time.monotonic() < deadline

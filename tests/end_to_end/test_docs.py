@@ -1,7 +1,7 @@
 """Every command and every Python block in README and docs does what it says.
 
-Blocks fenced as ``sh`` are run line by line, in one temporary folder for each document; blocks fenced as ``python`` are
-run in the same folder. Lines that set up a machine (make, pip, git, an environment) are left to the CI script, which
+Blocks fenced as ``sh`` are run line by line, in one temporary folder for each document; blocks fenced as ``python``
+are run in the same folder. Lines that set up a machine (make, pip, git, an environment) are left to the CI script, which
 runs them from a fresh clone.
 """
 
