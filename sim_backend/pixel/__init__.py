@@ -1,1 +1,19 @@
 """The pixel: its model, its effects, and the engines that make events of them."""
+
+from __future__ import annotations
+
+from sim_backend.pixel.chain import Chain, build_chain
+from sim_backend.pixel.engines.reference import ReferenceEngine
+from sim_backend.pixel.light import LightHistory
+from sim_backend.pixel.model import Photoconversion, PixelModel
+from sim_backend.pixel.parameters import Parameter
+
+__all__ = [
+    "Chain",
+    "LightHistory",
+    "Parameter",
+    "Photoconversion",
+    "PixelModel",
+    "ReferenceEngine",
+    "build_chain",
+]
