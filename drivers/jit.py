@@ -63,4 +63,4 @@ os.environ["NUMBA_CACHE_DIR"] = str(CACHE_FOLDER)
 from numba import config as _config  # noqa: E402
 from numba import njit, prange  # noqa: E402
 
-_config.CACHE_DIR = str(CACHE_FOLDER)
+_config.CACHE_DIR = str(CACHE_FOLDER)  # type: ignore[attr-defined]

@@ -1,0 +1,223 @@
+"""Making the devices of a station file, and seeing that they fit together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from bench.station.bias_map import QUANTITIES, BiasCurve, BiasMap
+from bench.station.calibration import CalibratedFilter, Calibration
+from bench.station.drivers import DriverNotFound, argument_problems, find_driver
+from bench.station.station import Station
+from bench.store.data import Sensor
+from drivers.errors import DeviceError
+from drivers.interfaces import EventCamera, FilterWheel, LightSource
+from protocols.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bench.station.schema import StationFile
+    from protocols.yaml_strict import Node
+
+__all__ = ["assemble"]
+
+_Path = tuple[str, ...]
+
+_KINDS: Final[dict[str, type[Any]]] = {"light": LightSource, "wheel": FilterWheel, "camera": EventCamera}
+_CLOCK_METHODS: Final = ("now", "sleep")
+
+
+def assemble(file: StationFile, document: Node, source: str) -> Station:
+    """Return the station of a file: its devices are made, none is connected.
+
+    Parameters
+    ----------
+    file
+        What it says.
+    document
+        The same with the place of each value.
+    source
+        Name of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong: drivers that are not there, arguments that they do not take, devices that do
+        not fit the calibration.
+    """
+    return _Assembly(file, document, source).station()
+
+
+class _Assembly:
+    """One station on its way from file to devices; collects what is wrong."""
+
+    def __init__(self, file: StationFile, document: Node, source: str) -> None:
+        self._file = file
+        self._document = document
+        self._source = source
+        self._problems: list[Problem] = []
+        self._known: dict[str, Any] = {"$bias_map": _bias_map(file)}
+
+    def station(self) -> Station:
+        """Return the station, or raise with all problems of the first step that has any."""
+        classes = self._classes()
+        self._stop_at_problems()
+        made = self._made(classes)
+        self._stop_at_problems()
+        calibration = self._calibration(made["light"])
+        self._compare(made["light"], made["wheel"], made["camera"])
+        self._stop_at_problems()
+        return Station(
+            name=self._file.name,
+            **made,
+            calibration=calibration,
+            sensor=Sensor(**self._file.sensor.model_dump()),
+            plan=self._file.model_dump(mode="json", by_alias=True),
+        )
+
+    def _classes(self) -> dict[_Path, type[Any]]:
+        """Return the class of the world, the clock and each device, by its place in the file."""
+        found = {}
+        for path, driver, args in self._parts():
+            cls = self._class(path, driver)
+            if cls is None:
+                continue
+            found[path] = cls
+            for name, message in argument_problems(cls, args):
+                self._problem((*path, "args") if name is None else (*path, "args", name), message)
+            if self._file.world is None and "$world" in [v for v in args.values() if isinstance(v, str)]:
+                self._problem((*path, "args"), "$world is named, but the station has no world")
+        return found
+
+    def _parts(self) -> list[tuple[_Path, str, dict[str, Any]]]:
+        """Return place, class and arguments of all that is made, in the order in which it is made."""
+        parts: list[tuple[_Path, str, dict[str, Any]]] = []
+        if self._file.world is not None:
+            parts.append((("world",), self._file.world.class_path, self._file.world.args))
+        for role in ("clock", *_KINDS):
+            section = getattr(self._file.roles, role)
+            parts.append((("roles", role), section.driver, section.args))
+        return parts
+
+    def _class(self, path: _Path, driver: str) -> type[Any] | None:
+        key = (*path, "class" if path == ("world",) else "driver")
+        try:
+            cls = find_driver(driver)
+        except DriverNotFound as error:
+            self._problem(key, str(error))
+            return None
+        kind = _KINDS.get(path[-1])
+        if kind is not None and not issubclass(cls, kind):
+            self._problem(key, f"{driver} is no {kind.__name__}")
+            return None
+        if path[-1] == "clock" and not all(callable(getattr(cls, method, None)) for method in _CLOCK_METHODS):
+            self._problem(key, f"{driver} is no clock: it needs {' and '.join(_CLOCK_METHODS)}")
+            return None
+        return cls
+
+    def _made(self, classes: Mapping[_Path, type[Any]]) -> dict[str, Any]:
+        """Return clock and devices by role."""
+        made: dict[str, Any] = {}
+        for path, _, args in self._parts():
+            try:
+                part = classes[path](**{name: self._value(value) for name, value in args.items()})
+            except InputError as error:
+                for problem in error.problems:
+                    self._problem((*path, "args"), problem.message)
+            except (DeviceError, TypeError, ValueError, AttributeError) as error:
+                self._problem((*path, "args"), f"{classes[path].__name__} cannot be made of them: {error}")
+            else:
+                made[path[-1]] = part
+                self._known[f"${path[-1]}"] = part
+            if path[-1] in ("world", "clock"):  # what the others are made of
+                self._stop_at_problems()
+        made.pop("world", None)
+        return made
+
+    def _value(self, value: Any) -> Any:
+        return self._known[value] if isinstance(value, str) and value.startswith("$") else value
+
+    def _calibration(self, light: LightSource) -> Calibration:
+        section = self._file.calibration
+        return Calibration(
+            clear_lux_per_level=section.light.clear_lux_per_level,
+            levels=light.limits,
+            filters={name: CalibratedFilter(f.nd_od, f.transmission) for name, f in section.filters.items()},
+            bias_map=self._known["$bias_map"],
+        )
+
+    def _compare(self, light: LightSource, wheel: FilterWheel, camera: EventCamera) -> None:
+        """Note where the devices are not those of the calibration."""
+        calibration, sensor = self._file.calibration, self._file.sensor
+        if light.limits.unit != calibration.light.unit:
+            self._problem(
+                ("calibration", "light", "unit"),
+                f"{calibration.light.unit!r} is not the unit of {light.name}, which is {light.limits.unit!r}",
+            )
+        self._compare_filters(wheel)
+        if (camera.width, camera.height) != (sensor.width, sensor.height):
+            self._problem(
+                ("sensor", "width"),
+                f"{sensor.width} x {sensor.height} pixels, but {camera.name} has {camera.width} x {camera.height}",
+            )
+        for curve in self._known["$bias_map"].curves:
+            if curve.bias not in camera.bias_limits:
+                has = ", ".join(camera.bias_limits)
+                self._problem(
+                    ("calibration", "bias_map", curve.quantity, "bias"),
+                    f"{camera.name} has no {curve.bias!r}; it has {has}",
+                )
+
+    def _compare_filters(self, wheel: FilterWheel) -> None:
+        calibrated = self._file.calibration.filters
+        there = {f.name: f.nd_od for f in wheel.filters}
+        for name in there:
+            if name not in calibrated:
+                self._problem(("calibration", "filters"), f"filter {name!r} of {wheel.name} is not calibrated")
+        for name, section in calibrated.items():
+            if name not in there:
+                self._problem(
+                    ("calibration", "filters", name), f"{wheel.name} has no such filter; it has {', '.join(there)}"
+                )
+            elif section.nd_od != there[name]:
+                self._problem(
+                    ("calibration", "filters", name, "nd_od"),
+                    f"{section.nd_od:g} is not the optical density that {wheel.name} has there, {there[name]:g}",
+                )
+
+    def _problem(self, path: _Path, message: str) -> None:
+        line, column = _place(self._document, path)
+        self._problems.append(Problem(f"{'.'.join(path)}: {message}", self._source, line, column))
+
+    def _stop_at_problems(self) -> None:
+        if self._problems:
+            raise InputError(*sorted(self._problems, key=lambda problem: (problem.line, problem.column)))
+
+
+def _place(document: Node, path: _Path) -> tuple[int, int]:
+    """Return line and column of the key at the end of `path`, or of the last part of it that is in the file."""
+    node, place = document, (document.line, document.column)
+    for part in path:
+        if part not in node.children:
+            break
+        place = node.key_places.get(part, place)
+        node = node.children[part]
+    return place
+
+
+def _bias_map(file: StationFile) -> BiasMap:
+    sections = {quantity: getattr(file.calibration.bias_map, quantity) for quantity in QUANTITIES}
+    return BiasMap(
+        tuple(
+            BiasCurve(
+                quantity=quantity,
+                bias=section.bias,
+                scale=section.scale,
+                offsets=tuple(offset for offset, _ in section.table),
+                values=tuple(value for _, value in section.table),
+                calibrated=section.calibrated,
+            )
+            for quantity, section in sections.items()
+            if section is not None
+        )
+    )

@@ -1,0 +1,136 @@
+"""A bench that can be connected: its devices, its clock and what is known of them."""
+
+from __future__ import annotations
+
+import atexit
+import logging
+from typing import TYPE_CHECKING, Any, Self
+
+from drivers.errors import ConnectionFailed, DeviceError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from types import TracebackType
+
+    from bench.station.calibration import Calibration
+    from bench.store.data import Sensor
+    from drivers.interfaces import Clock, Device, EventCamera, FilterWheel, LightSource
+
+__all__ = ["DevicesFailed", "Station"]
+
+_log = logging.getLogger("evs_bench.station")
+
+
+class DevicesFailed(ConnectionFailed):
+    """Devices of a station that could not be connected, one line each.
+
+    Parameters
+    ----------
+    station
+        Name of the station.
+    failures
+        What each of them said.
+    """
+
+    def __init__(self, station: str, failures: list[DeviceError]) -> None:
+        self.failures = tuple(failures)
+        lines = [" ".join(str(failure).split()) for failure in failures]
+        super().__init__(station, "connect", "\n".join(lines))
+        self.args = ("\n".join(lines),)
+
+
+class Station:
+    """The devices of a bench, and what is known of them. :func:`bench.station.load_station` makes one.
+
+    As a context manager it closes itself, whatever happens. Once connected, the devices are also brought to their
+    safe state when the interpreter exits.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        light: LightSource,
+        wheel: FilterWheel,
+        camera: EventCamera,
+        clock: Clock,
+        calibration: Calibration,
+        sensor: Sensor,
+        plan: Mapping[str, Any],
+    ) -> None:
+        self.name = name
+        self.light = light
+        self.wheel = wheel
+        self.camera = camera
+        self.clock = clock
+        self.calibration = calibration
+        self.sensor = sensor
+        self._plan = dict(plan)
+        self._identities: dict[str, dict[str, str]] = {}
+
+    @property
+    def devices(self) -> dict[str, Device]:
+        """The devices by role, in the order in which they are connected."""
+        return {"light": self.light, "wheel": self.wheel, "camera": self.camera}
+
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """The station as it goes into a run: the keys of a station file, and `identities` once it was connected.
+
+        :func:`bench.station.station_from` makes a station of it again.
+        """
+        return {**self._plan, **({"identities": self._identities} if self._identities else {})}
+
+    def connect(self) -> None:
+        """Connect all devices and bring them to their safe state.
+
+        Raises
+        ------
+        DevicesFailed
+            One or more could not be connected; those that could are closed again.
+        """
+        failures: list[DeviceError] = []
+        atexit.register(self.safe_state)
+        try:
+            for device in self.devices.values():
+                try:
+                    device.connect()
+                except DeviceError as error:
+                    failures.append(error)
+            if failures:
+                raise DevicesFailed(self.name, failures)
+            self._identities = {role: device.identity() for role, device in self.devices.items()}
+        except BaseException:
+            self.close()
+            raise
+
+    def safe_state(self) -> None:
+        """Bring all devices to their safe state: idempotent, never raises."""
+        for device in self.devices.values():
+            device.safe_state()
+
+    def close(self) -> None:
+        """Bring all devices to their safe state, then close them, the last first; never raises."""
+        self.safe_state()
+        for device in reversed(self.devices.values()):
+            try:
+                device.close()
+            except Exception:  # noqa: BLE001 - the others must still be closed; the log has it
+                _log.exception("%s: could not be closed", device.name)
+        atexit.unregister(self.safe_state)
+
+    def identities(self) -> dict[str, dict[str, str]]:
+        """Return the identity of each device by role, as they told it when they were connected; empty before."""
+        return {role: dict(identity) for role, identity in self._identities.items()}
+
+    def reachable(self, lux: float, filter_name: str) -> bool:
+        """Return whether the source can give `lux` on the chip behind a filter."""
+        return self.calibration.reachable(lux, filter_name)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
