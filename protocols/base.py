@@ -1,0 +1,62 @@
+"""What all parts of a protocol file have in common: the base model, quantities, and problems with a place."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import PydanticCustomError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = [
+    "PROBLEMS_AT",
+    "Contrast",
+    "Frequency",
+    "FrozenModel",
+    "Illuminance",
+    "LogThreshold",
+    "Number",
+    "PathProblem",
+    "Seconds",
+    "WaitingTime",
+    "problems_at",
+]
+
+PathProblem = tuple[tuple[str | int, ...], str]
+"""A path below a model, and what is wrong there."""
+
+PROBLEMS_AT = "problems_at"
+"""Type of the pydantic error that carries problems with their own paths."""
+
+
+class FrozenModel(BaseModel):
+    """A part of a file that a user writes: unknown keys are refused, and nothing changes once it is read."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+def problems_at(problems: Iterable[PathProblem]) -> PydanticCustomError:
+    """Return an error for a validator to raise, which says what is wrong where below its own place.
+
+    Parameters
+    ----------
+    problems
+        For each problem the path from the model or value that is being validated, and a message.
+    """
+    found = list(problems)
+    text = "; ".join(f"{'.'.join(map(str, path))}: {message}" if path else message for path, message in found)
+    context: dict[str, Any] = {"text": text, "problems": found}
+    return PydanticCustomError(PROBLEMS_AT, "{text}", context)
+
+
+# Numbers are strict: true is not 1, and the text '5' is not 5. Upper bounds are far beyond any bench; they keep
+# what is computed from a mistyped value finite.
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(strict=True, gt=0, le=1e5, allow_inf_nan=False)]
+WaitingTime = Annotated[float, Field(strict=True, ge=0, le=1e5, allow_inf_nan=False)]
+Illuminance = Annotated[float, Field(strict=True, ge=0, le=1e6, allow_inf_nan=False)]
+Contrast = Annotated[float, Field(strict=True, gt=0, le=1e6, allow_inf_nan=False)]
+LogThreshold = Annotated[float, Field(strict=True, ge=0.01, le=5, allow_inf_nan=False)]
+Frequency = Annotated[float, Field(strict=True, gt=0, le=1e7, allow_inf_nan=False)]
