@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import datetime  # noqa: TC003 - the models need it when they are made
+import datetime
 import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
