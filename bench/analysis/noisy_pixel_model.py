@@ -1,0 +1,302 @@
+"""Answers and latencies of an array of noisy pixels: what is expected of them, and how likely data then are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.analysis.first_passage import ArmedPixel, grid_shift, survival_table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.analysis.results import ResponseRow
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = [
+    "Answers",
+    "Conditions",
+    "Latencies",
+    "LatencyModel",
+    "Pixels",
+    "goodness",
+    "log_likelihood",
+    "probability",
+]
+
+_LEAST: Final = 1e-9  # no chance is taken as smaller than this, so that one odd event does not decide alone
+_LEAST_THRESHOLD: Final = 0.001  # ln units
+_REACH: Final = 4.5  # where the normal law of the thresholds ends, in its sigma
+_LATENCY_BINS: Final = 40
+_LATENCY_CURVES: Final = 12
+_LATENCY_NODES: Final = 5  # thresholds over which latencies are averaged
+_NEAR: Final = 0.05  # step of the derivatives of latencies; threshold and noise in noise rms
+_LEAST_ANSWERS: Final = 100  # answers that a contrast needs for its latencies to be used
+_LEAST_SHARE: Final = 0.3  # of the pulses, likewise
+_TIE: Final = 1e-6  # an edge this close to a look, in looks, is at it
+_WITHIN: Final = 3.0  # how far from the end of the table latencies are still taken from it, sigma
+_LEAST_COUNT: Final = 5.0  # expected answers, and missing ones, that a contrast needs to be judged by chi-square
+
+
+@dataclass(frozen=True, slots=True)
+class Pixels:
+    """What is to be found."""
+
+    theta: float  #: mean threshold of the array, ln units
+    noise_rms: float  #: ln units, behind the low-pass
+    mismatch: float  #: sigma of the threshold over the pixels, ln units
+    plateau: float  #: chance that a pixel is armed at the step
+    other_ratio: float  #: threshold of the other polarity / theta
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What is held fixed while pixels are fitted."""
+
+    tau_s: float  #: time constant of the low-pass, s
+    window_s: float  #: response window, s
+    armed_s: float  #: time between the memorising of the reference and the step, s
+    grid_s: float  #: time between two looks of the comparators, s; 0 for a comparator that never looks away
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """The counts of one S-curve."""
+
+    contrast: Floats  #: (m,) ascending
+    pulses: Floats  #: (m,)
+    counts: Floats  #: (pixels, m)
+
+    @classmethod
+    def of(cls, rows: Sequence[ResponseRow], most_pixels: int, seed: int) -> Answers:
+        """Gather rows in order of contrast; of more than `most_pixels` pixels, take that many drawn by `seed`."""
+        counts = np.stack([row.per_pixel for row in rows], axis=1).astype(np.float64)
+        if len(counts) > most_pixels:
+            counts = counts[np.random.default_rng(seed).choice(len(counts), most_pixels, replace=False)]
+        contrast = np.array([row.log_contrast for row in rows])
+        return cls(contrast, np.array([float(row.pulses) for row in rows]), counts)
+
+    @property
+    def share(self) -> Floats:
+        """Return (m,) the share of pulses answered."""
+        return np.asarray(self.counts.mean(axis=0) / self.pulses)
+
+
+def probability(theta: Floats, pixels: Pixels, conditions: Conditions, contrast: Floats) -> Floats:
+    """Return (n, m) the chance that a pixel of each threshold (n,) answers each contrast (m,).
+
+    Levels go into the universal table in units of the noise, times in units of tau; on a time grid both barriers act
+    as higher ones.
+    """
+    shift = grid_shift(conditions.grid_s / conditions.tau_s)
+    step = contrast / pixels.noise_rms
+    survival = survival_table().from_steps(conditions.window_s / conditions.tau_s, step)
+    pixel = _armed_pixel(pixels, conditions)
+    missed = pixel.unanswered(theta / pixels.noise_rms + shift, step, survival)
+    return np.asarray(np.clip(pixels.plateau * (1.0 - missed), _LEAST, 1.0 - _LEAST))
+
+
+def _armed_pixel(pixels: Pixels, conditions: Conditions) -> ArmedPixel:
+    shift = grid_shift(conditions.grid_s / conditions.tau_s)
+    other = pixels.other_ratio * pixels.theta / pixels.noise_rms + shift
+    return ArmedPixel(conditions.armed_s / conditions.tau_s, other)
+
+
+@dataclass(frozen=True, slots=True)
+class Nodes:
+    """Thresholds at which the array is looked at: coarse ones for the physics, fine ones for each pixel's counts."""
+
+    coarse: Floats  #: (n,) in sigma of the mismatch
+    between: Floats  #: (g, n) weights of the coarse ones in a cubic interpolation to the fine ones
+    weight: Floats  #: (g,) of the fine ones, sum 1
+
+    @classmethod
+    def for_fit(cls, start: Pixels, answers: Answers) -> Nodes:
+        """Choose nodes near enough for the mismatch, noise and number of pulses at hand."""
+        from scipy.interpolate import CubicSpline
+
+        reach = 2.0 * _REACH
+        n = int(np.clip(reach * start.mismatch / (0.5 * start.noise_rms), 6, 60)) + 1
+        pulses_per_rms = float(answers.pulses.mean() * start.noise_rms / np.diff(answers.contrast).mean())
+        own = 0.75 * start.noise_rms / math.sqrt(max(pulses_per_rms, 1.0))  # how well a pixel's counts tell it
+        g = int(np.clip(reach * start.mismatch / own, 20, 400)) + 1
+        coarse, fine = np.linspace(-_REACH, _REACH, n), np.linspace(-_REACH, _REACH, g)
+        weight = np.exp(-0.5 * fine**2)
+        return cls(coarse, CubicSpline(coarse, np.eye(n))(fine), weight / weight.sum())
+
+
+def _array_probability(pixels: Pixels, conditions: Conditions, contrast: Floats, nodes: Nodes) -> Floats:
+    """Return (g, m) the chance of an answer at the fine nodes."""
+    from scipy.special import expit, logit
+
+    theta = np.maximum(pixels.theta + pixels.mismatch * nodes.coarse, _LEAST_THRESHOLD)
+    coarse = probability(theta, pixels, conditions, contrast)
+    return np.asarray(expit(nodes.between @ logit(coarse)))
+
+
+def log_likelihood(pixels: Pixels, conditions: Conditions, answers: Answers, nodes: Nodes) -> float:
+    """Return the log-likelihood of all counts: binomial for a threshold, averaged over thresholds for each pixel."""
+    p = _array_probability(pixels, conditions, answers.contrast, nodes)
+    each = answers.counts @ np.log(p).T + (answers.pulses - answers.counts) @ np.log1p(-p).T
+    best = each.max(axis=1, keepdims=True)
+    return float(np.sum(best[:, 0] + np.log(np.exp(each - best) @ nodes.weight)))
+
+
+def goodness(pixels: Pixels, conditions: Conditions, answers: Answers, nodes: Nodes) -> tuple[float, int]:
+    """Return chi-square of the array's counts and the number of contrasts that it is made of.
+
+    The covariance of the counts of two contrasts is that of pixels that keep their threshold.
+    """
+    p = _array_probability(pixels, conditions, answers.contrast, nodes)
+    mean = nodes.weight @ p
+    n = len(answers.counts)
+    expected = n * answers.pulses * mean
+    judged = (expected > _LEAST_COUNT) & (n * answers.pulses - expected > _LEAST_COUNT)
+    centred = (p - mean) * answers.pulses
+    covariance = (centred * nodes.weight[:, None]).T @ centred
+    covariance += np.diag(answers.pulses * (nodes.weight @ (p * (1.0 - p))))
+    off = (answers.counts.sum(axis=0) - expected)[judged]
+    return float(off @ np.linalg.solve(n * covariance[np.ix_(judged, judged)], off)), int(judged.sum())
+
+
+def curve(pixels: Pixels, conditions: Conditions, contrast: Floats, nodes: Nodes) -> Floats:
+    """Return (m,) the array's average response."""
+    return np.asarray(nodes.weight @ _array_probability(pixels, conditions, contrast, nodes))
+
+
+@dataclass(frozen=True, slots=True)
+class Latencies:
+    """Latencies of the answers to some contrasts, in bins of about equal counts."""
+
+    contrast: Floats  #: (k,)
+    edges_s: tuple[Floats, ...]  #: for each contrast (b + 1,)
+    counts: tuple[Floats, ...]  #: for each contrast (b,)
+
+    @classmethod
+    def of(cls, rows: Sequence[ResponseRow], grid_s: float = 0.0) -> Latencies:
+        """Gather the latencies of contrasts that many pulses of are answered.
+
+        On a time grid an event carries the time of the look at which the crossing was found, at the end of a step.
+        """
+        good = [r for r in rows if r.latency_counts.sum() >= _LEAST_ANSWERS and r.probability > _LEAST_SHARE]
+        if len(good) > _LATENCY_CURVES:
+            good = [good[i] for i in np.linspace(0, len(good) - 1, _LATENCY_CURVES).round().astype(int)]
+        binned = [_equal_bins(_crossed_by(r.latency_edges_s, grid_s), r.latency_counts) for r in good]
+        return cls(
+            np.array([r.log_contrast for r in good]),
+            tuple(edges for edges, _ in binned),
+            tuple(counts for _, counts in binned),
+        )
+
+    def part(self, keep: npt.NDArray[np.bool_]) -> Latencies:
+        """Return those of some contrasts."""
+        chosen = np.flatnonzero(keep)
+        return Latencies(
+            self.contrast[keep], tuple(self.edges_s[i] for i in chosen), tuple(self.counts[i] for i in chosen)
+        )
+
+
+def _crossed_by(edges_s: Floats, grid_s: float) -> Floats:
+    """Return by when the events stamped before each edge had crossed: the last look before it."""
+    if grid_s <= 0.0:
+        return edges_s
+    looks = np.ceil(edges_s / grid_s - _TIE) - 1.0
+    return np.maximum(looks, 0.0) * grid_s
+
+
+def _equal_bins(edges_s: Floats, counts: npt.NDArray[np.int64]) -> tuple[Floats, Floats]:
+    total = np.concatenate(([0], np.cumsum(counts)))
+    wanted = np.linspace(0.0, total[-1], _LATENCY_BINS + 1)[1:-1]
+    at = np.unique(np.concatenate(([0], np.searchsorted(total, wanted), [counts.size])))
+    # Where edges coincide, the last of them has all the counts before it.
+    at = at[np.append(np.diff(edges_s[at]) > 0.0, True)]
+    at[0] = 0
+    return edges_s[at], np.diff(total[at]).astype(np.float64)
+
+
+class LatencyModel:
+    """Latencies expected of pixels close to given ones.
+
+    The chance of no answer by t / tau is found for the given pixels, and, to first order, for others near them.
+    """
+
+    def __init__(self, pixels: Pixels, conditions: Conditions, latencies: Latencies) -> None:
+        inside = pixels.theta / pixels.noise_rms - latencies.contrast / pixels.noise_rms > _latest_barrier()
+        self.latencies = latencies.part(inside)
+        self.time = survival_table().time
+        self._pixels = pixels
+        self.missed = _missed(pixels, conditions, self.latencies.contrast)
+        self._slopes = {
+            name: (_missed(replace(pixels, **{name: value + step}), conditions, self.latencies.contrast) - self.missed)
+            / step
+            for name, value, step in (
+                ("theta", pixels.theta, _NEAR * pixels.noise_rms),
+                ("noise_rms", pixels.noise_rms, _NEAR * pixels.noise_rms),
+                ("other_ratio", pixels.other_ratio, _NEAR),
+            )
+        }
+
+    def near(self, pixels: Pixels) -> Floats:
+        """Return (k, t) the chance of no answer for pixels that differ little; mismatch hardly changes it."""
+        changes = (
+            (getattr(pixels, name) - getattr(self._pixels, name)) * slope for name, slope in self._slopes.items()
+        )
+        return np.asarray(self.missed + sum(changes))
+
+    def free(self, tau_s: float) -> int:
+        """Return the number of bins used at a time constant, less that of contrasts."""
+        return sum(max(0, int(self._used(edges, tau_s).sum()) - 1) for edges in self.latencies.edges_s)
+
+    def _used(self, edges: Floats, tau_s: float) -> npt.NDArray[np.bool_]:
+        return np.asarray(edges[1:] <= self.time[-1] * tau_s)
+
+    def deviance(self, pixels: Pixels, tau_s: float, delay: float) -> float:
+        """Return the deviance of the latencies.
+
+        Only bins that end within the table's time are used; each contrast is judged by the shape of its latencies
+        alone, not by their number.
+
+        Parameters
+        ----------
+        pixels
+            Near those that the model was made for.
+        tau_s
+            Time constant.
+        delay
+            Of the light and the readout, units of tau.
+        """
+        total = 0.0
+        near = self.near(pixels)
+        for missed, edges, counts in zip(near, self.latencies.edges_s, self.latencies.counts, strict=True):
+            used = self._used(edges, tau_s)
+            seen = counts[used]
+            if not seen.any():
+                continue
+            share = -np.diff(np.interp(np.maximum(edges / tau_s - delay, 0.0), self.time, missed))[used]
+            share = np.maximum(share, _LEAST)
+            expected = seen.sum() * share / share.sum()
+            total += 2.0 * float(np.sum(seen * np.log(np.maximum(seen, _LEAST) / expected)))
+        return total
+
+
+def _latest_barrier() -> float:
+    return float(survival_table().barrier[0]) + _WITHIN
+
+
+def _missed(pixels: Pixels, conditions: Conditions, contrast: Floats) -> Floats:
+    """Return (k, t) the array's chance of no answer by each time of the table, for k contrasts."""
+    table = survival_table()
+    if not contrast.size:
+        return np.zeros((0, table.time.size))
+    nodes, weight = np.polynomial.hermite_e.hermegauss(_LATENCY_NODES)
+    shift = grid_shift(conditions.grid_s / conditions.tau_s)
+    theta = (pixels.theta + pixels.mismatch * nodes) / pixels.noise_rms + shift
+    step = contrast / pixels.noise_rms
+    every = _armed_pixel(pixels, conditions).unanswered(theta, step, table.over_time(step))
+    return np.asarray(np.tensordot(weight / weight.sum(), every, axes=1))

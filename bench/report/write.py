@@ -1,0 +1,70 @@
+"""Write the report of a run: the page, and its figures as separate files."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bench.analysis.results import Analysis
+    from bench.report.example import RunLike
+    from bench.report.gallery import Picture
+    from bench.report.page import Shown
+    from bench.report.trace import ModelTrace
+
+__all__ = ["PAGE", "write_report"]
+
+PAGE: Final = "report.html"
+_FIGURES: Final = "figures"
+_TABLES: Final = "tables"
+
+
+def write_report(run: RunLike, analysis: Analysis, folder: Path, *, model_trace: ModelTrace | None = None) -> Path:
+    """Write the report of `run` into `folder`, and return the path of the page.
+
+    The page is one HTML file that needs nothing else: no network, no file beside it. The figures lie in
+    `folder`/figures too, as PNG and PDF, and the tables in `folder`/tables, as CSV. The same run gives the same bytes
+    with the same versions of the libraries.
+
+    Parameters
+    ----------
+    run
+        The run; its header, its points and the events of one example pixel are read.
+    analysis
+        What analysis found in it.
+    folder
+        Made if it is not there; a report that is there already is replaced.
+    model_trace
+        What a model says of the example pixel, see :func:`bench.report.example.choose_example`; drawn as a model.
+
+    Raises
+    ------
+    bench.store.errors.RunError
+        If a point of the run is damaged.
+    """
+    from bench.analysis.tables import write_csv
+    from bench.report.figures.style import house_style
+    from bench.report.gallery import pictures
+    from bench.report.page import render
+
+    figures = folder / _FIGURES
+    figures.mkdir(parents=True, exist_ok=True)
+    with house_style():
+        shown = [_show(picture, figures) for picture in pictures(run, analysis, model_trace)]
+    tables = [f"{_TABLES}/{path.name}" for path in write_csv(analysis, folder / _TABLES)]
+    page = folder / PAGE
+    page.write_text(render(run, analysis, shown, tables), encoding="utf-8", newline="\n")
+    return page
+
+
+def _show(picture: Picture, folder: Path) -> Shown:
+    """Draw one figure, write its files, and return what the page needs of it."""
+    from bench.report.page import Shown
+    from bench.report.saving import lay_out, save_figure, svg_data_uri
+
+    figure = picture.draw()
+    lay_out(figure)
+    files = save_figure(figure, folder, picture.name)
+    names = tuple(f"{_FIGURES}/{path.name}" for path in files)
+    return Shown(picture.name, picture.title, picture.caption, svg_data_uri(figure), names)
