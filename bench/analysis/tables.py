@@ -41,6 +41,8 @@ _CURVE_ESTIMATES: Final = (
     ("intercept", "ln"),
     ("theta", "ln"),
     ("noise_rms", "ln"),
+    ("mismatch", "ln"),
+    ("corner_hz", "Hz"),
     ("floor", "1"),
     ("plateau", "1"),
 )

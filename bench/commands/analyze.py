@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import json_option, print_json, say
+from bench.commands.common import LOG_NAME, json_option, print_json, results_folder, results_option, say
 
 __all__ = ["command"]
 
@@ -14,8 +14,9 @@ __all__ = ["command"]
 @click.command(name="analyze")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--no-pixel-maps", is_flag=True, help="Leave out the map of each pixel's own threshold.")
+@results_option
 @json_option
-def command(run: Path, no_pixel_maps: bool, as_json: bool) -> None:
+def command(run: Path, no_pixel_maps: bool, out: Path | None, as_json: bool) -> None:
     """Turn the run folder RUN into S-curves, thresholds and background rates.
 
     The tables are printed, and written to RUN/analysis.
@@ -26,9 +27,10 @@ def command(run: Path, no_pixel_maps: bool, as_json: bool) -> None:
     from bench.store import Run
 
     opened = Run.open(run)
-    with log_into(run / "evs-bench.log"):
+    results = results_folder(run, out)
+    with log_into(results / LOG_NAME):
         analysis = analyze(opened, pixel_maps=not no_pixel_maps)
-        folder = save(analysis, run)
+        folder = save(analysis, results)
     if as_json:
         print_json(to_json(analysis))
     else:

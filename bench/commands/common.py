@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,12 +13,42 @@ import click
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = ["json_option", "print_json", "print_table", "say", "station_option"]
+__all__ = [
+    "interactive",
+    "json_option",
+    "print_json",
+    "print_table",
+    "results_folder",
+    "results_option",
+    "say",
+    "station_option",
+]
+
+LOG_NAME = "evs-bench.log"
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table.")
 station_option = click.option(
     "--station", default="simulated", show_default=True, metavar="S", help="A shipped station, or a station file."
 )
+
+results_option = click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for what is made of the run; default is the run's own.",
+)
+
+
+def results_folder(run: Path, out: Path | None) -> Path:
+    """Return the folder in which the results of `run` are written: `out`, or the run's own folder."""
+    from protocols.errors import InputError
+
+    folder = out or run
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / LOG_NAME).touch()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder with --out") from None
+    return folder
 
 
 def say(text: str) -> None:

@@ -6,15 +6,16 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import json_option, print_json, say
+from bench.commands.common import LOG_NAME, json_option, print_json, results_folder, results_option, say
 
 __all__ = ["command"]
 
 
 @click.command(name="report")
 @click.argument("run", type=click.Path(path_type=Path))
+@results_option
 @json_option
-def command(run: Path, as_json: bool) -> None:
+def command(run: Path, out: Path | None, as_json: bool) -> None:
     """Make the report of the run folder RUN, in RUN/report: one HTML file, figures as PNG and PDF, tables as CSV."""
     from bench.analysis import analyze
     from bench.analysis.tables import save
@@ -24,10 +25,11 @@ def command(run: Path, as_json: bool) -> None:
     from bench.store import Run
 
     opened = Run.open(run)
-    with log_into(run / "evs-bench.log"):
+    results = results_folder(run, out)
+    with log_into(results / LOG_NAME):
         analysis = analyze(opened)
-        save(analysis, run)
-        page = write_report(opened, analysis, run / "report", model_trace=model_trace(opened, analysis))
+        save(analysis, results)
+        page = write_report(opened, analysis, results / "report", model_trace=model_trace(opened, analysis))
     if as_json:
         print_json({"format": "evs-bench-report/1", "run": str(run), "report": str(page)})
     else:

@@ -54,7 +54,7 @@ _LINEAR_TICKS: Final = (  # those that are named first are wanted most
     (0.05, 0.15, 0.4, 0.02, 0.01),
 )
 _LOG_STEPS: Final = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0), (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
-_TICK_ROOM: Final = 0.055  #: least distance of two ticks of the upper axis, as a share of its length
+_TICK_ROOM: Final = 0.1  #: least distance of two ticks of the upper axis, as a share of its length
 _STYLE: Final = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
