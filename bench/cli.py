@@ -92,8 +92,9 @@ def run(arguments: list[str]) -> int:
         return _fail(EXIT_INPUT, _usage(error))
     except (KeyboardInterrupt, click.Abort):
         return _fail(EXIT_STOPPED, "stopped")
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):
         # The reader of our output went away (`evs-bench events f | head`): nothing to tell, and nowhere to tell it.
+        # click turns that into SystemExit, and into nothing else when it does not stand alone.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:  # noqa: BLE001 - the last resort: every failure becomes one line and a code

@@ -79,4 +79,4 @@ class PointData:
         """
         from bench.store.reader import read_events
 
-        return read_events(self.path, chunk)
+        return read_events(self.path, chunk, self.roi)

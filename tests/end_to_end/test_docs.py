@@ -1,8 +1,8 @@
 """Every command and every Python block in README and docs does what it says.
 
 Blocks fenced as ``sh`` are run line by line, in one temporary folder for each document; blocks fenced as ``python``
-are run in the same folder. Lines that set up a machine (make, pip, git, an environment) are left to the CI script, which
-runs them from a fresh clone.
+are run in the same folder, and blocks that begin with ``# file: NAME`` are written into it. Lines that set up a
+machine (make, pip, git, an environment) are left to the CI script, which runs them from a fresh clone.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+NAMED = re.compile(r"# file: (\S+)\n")
 SET_UP = re.compile(r"^(git clone|cd |make |python3? -m (venv|pip)|\.venv/bin/pip|pip install|source |\. )")
 
 
 def blocks(document: Path) -> list[tuple[str, str]]:
-    """Return language and text of each fenced block that can be run."""
-    return [(lang, text) for lang, text in FENCE.findall(document.read_text()) if lang in {"sh", "python"}]
+    """Return language and text of each fenced block that can be run or written."""
+    found = FENCE.findall(document.read_text())
+    return [(lang, text) for lang, text in found if lang in {"sh", "python"} or NAMED.match(text)]
 
 
 def run_line(line: str, folder: Path) -> None:
@@ -46,6 +48,9 @@ def test_every_block_runs(document: Path, tmp_path: Path) -> None:
             script = tmp_path / "block.py"
             script.write_text(text)
             run_line(f"{shlex.quote(sys.executable)} -W error {script}", tmp_path)
+            continue
+        if named := NAMED.match(text):
+            (tmp_path / named[1]).write_text(text)
             continue
         for line in filter(str.strip, text.splitlines()):
             if not line.startswith("#") and not SET_UP.match(line):

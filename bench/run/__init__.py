@@ -1,0 +1,22 @@
+"""Running a protocol on a station: look it over, take its points, write the run folder, take it again."""
+
+from __future__ import annotations
+
+from bench.run.check import CheckReport, Finding, check
+from bench.run.progress import Progress
+from bench.run.protocol_run import rerun, run_protocol
+from bench.run.runner import RunResult, Task, take_run
+from bench.run.stop import StopFlag
+
+__all__ = [
+    "CheckReport",
+    "Finding",
+    "Progress",
+    "RunResult",
+    "StopFlag",
+    "Task",
+    "check",
+    "rerun",
+    "run_protocol",
+    "take_run",
+]

@@ -1,0 +1,105 @@
+"""Running a protocol, and running one once more from what its run folder says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from bench.run.runner import RunResult, Task, take_run
+from bench.store.errors import RunError
+from bench.store.header import read_header
+from bench.store.layout import RUN_FILE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bench.run.progress import Progress
+    from bench.run.stop import StopFlag
+    from bench.station import Station
+    from protocols import LoadedProtocol
+    from protocols.schema import Protocol
+
+__all__ = ["rerun", "run_protocol"]
+
+
+def run_protocol(
+    loaded: LoadedProtocol,
+    station: Station,
+    out: Path | None = None,
+    *,
+    seed: int | None = None,
+    progress: Progress | None = None,
+    stop: StopFlag | None = None,
+    operator: Callable[[str], None] | None = None,
+) -> RunResult:
+    """Take all points of the protocol `loaded` on `station`, and leave a run folder.
+
+    Parameters
+    ----------
+    out
+        The run folder to make; default is ``runs/ID``. It must not exist.
+    seed
+        Seed of a simulated run, in place of the protocol's.
+    progress, stop, operator
+        See :func:`~bench.run.runner.take_run`, also for what is raised.
+    """
+    protocol = loaded.protocol if seed is None else loaded.protocol.model_copy(update={"seed": seed})
+    task = _task(protocol, Path(loaded.source).stem, loaded.text)
+    return take_run(task, station, out, progress=progress, stop=stop, operator=operator)
+
+
+def _task(protocol: Protocol, name: str, text: str) -> Task:
+    return Task(
+        name=name,
+        title=protocol.title,
+        points=protocol.expand(),
+        protocol=protocol.resolved(),
+        protocol_text=text,
+        seed=protocol.seed,
+    )
+
+
+def rerun(
+    folder: Path,
+    out: Path | None = None,
+    *,
+    progress: Progress | None = None,
+    stop: StopFlag | None = None,
+    operator: Callable[[str], None] | None = None,
+) -> RunResult:
+    """Take the run in `folder` once more, from the protocol, the seed and the station that are written in it.
+
+    On a simulated station the events are the same, one by one.
+
+    Raises
+    ------
+    RunError
+        If the run does not say how it was taken, as one that was imported.
+    """
+    from bench.station import station_from
+    from protocols.schema import Protocol
+
+    where = folder / RUN_FILE
+    header = read_header(where)
+    protocol, station = (_part(header.everything, key, where) for key in ("protocol", "station"))
+    try:
+        again = Protocol.model_validate(protocol)
+    except ValidationError as error:
+        raise RunError(f"{where}: the protocol in it is none that this version reads: {_first(error)}") from error
+    name = header.id.partition("Z-")[2] or header.id
+    task = _task(again, name, str(header.everything.get("protocol_text", "")))
+    return take_run(task, station_from(station, str(where)), out, progress=progress, stop=stop, operator=operator)
+
+
+def _part(everything: dict[str, Any], key: str, where: Path) -> dict[str, Any]:
+    part = everything.get(key)
+    if not isinstance(part, dict) or not part:
+        raise RunError(f"{where}: no {key} is written in it, so it cannot be taken again")
+    return part
+
+
+def _first(error: ValidationError) -> str:
+    first = error.errors()[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"

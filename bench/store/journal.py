@@ -1,0 +1,91 @@
+"""``journal.jsonl``: one JSON object for each change of state, each line on disk before the next step is taken."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from bench.store.errors import RunError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+__all__ = ["POINT_STATES", "RUN_STATES", "JournalEntry", "last_done", "read_journal"]
+
+POINT_STATES: Final = ("planned", "started", "done", "failed", "skipped", "rejected")
+RUN_STATES: Final = ("run_started", "paused", "resumed", "suspended", "run_finished", "run_aborted")
+
+
+@dataclass(frozen=True, slots=True)
+class JournalEntry:
+    """One line of the journal."""
+
+    state: str
+    point: int | None = None  #: position in the plan; None for the run as a whole
+    t: str = ""  #: UTC, ISO 8601
+    attempt: int = 1
+    file: str | None = None  #: relative to the run folder
+    sha256: str | None = None
+    reason: str | None = None
+    everything: dict[str, Any] = field(default_factory=dict)  #: the whole line, unknown keys too
+
+
+def read_journal(path: Path) -> list[JournalEntry]:
+    """Return the entries of the journal at `path`, oldest first; a torn last line is ignored.
+
+    Raises
+    ------
+    RunError
+        If the file cannot be read, or a line before the last one is damaged.
+    """
+    try:
+        lines = path.read_bytes().split(b"\n")
+    except OSError as error:
+        raise RunError(f"{path}: {error.strerror or error}") from error
+    entries = []
+    last = max((n for n, line in enumerate(lines) if line.strip()), default=-1)
+    for number, line in enumerate(lines):
+        if not line.strip():
+            continue
+        entry = _entry(line)
+        if entry is not None:
+            entries.append(entry)
+        elif number != last:
+            raise RunError(f"{path}:{number + 1}:1: damaged line, expected a JSON object with a state")
+    return entries
+
+
+def _entry(line: bytes) -> JournalEntry | None:
+    """Return the entry that `line` holds, None if it is damaged."""
+    try:
+        content = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(content, dict) or not isinstance(content.get("state"), str):
+        return None
+    point, attempt = content.get("point"), content.get("attempt", 1)
+    if not isinstance(point, int | None) or not isinstance(attempt, int):
+        return None
+    return JournalEntry(
+        state=content["state"],
+        point=point,
+        t=str(content.get("t", "")),
+        attempt=attempt,
+        file=_text_or_none(content, "file"),
+        sha256=_text_or_none(content, "sha256"),
+        reason=_text_or_none(content, "reason"),
+        everything=content,
+    )
+
+
+def _text_or_none(content: dict[str, Any], key: str) -> str | None:
+    value = content.get(key)
+    return None if value is None else str(value)
+
+
+def last_done(entries: Iterable[JournalEntry]) -> dict[int, JournalEntry]:
+    """Return, for each point that was finished, its last ``done`` line, in the order of the plan."""
+    done = {e.point: e for e in entries if e.state == "done" and e.point is not None}
+    return dict(sorted(done.items()))

@@ -1,0 +1,83 @@
+"""The names of the run format, version 1: files, attributes and datasets with their types and units."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from bench.store.errors import RunError
+
+__all__ = [
+    "JOURNAL_FILE",
+    "PART_SUFFIX",
+    "POINTS_FOLDER",
+    "POINT_FORMAT",
+    "REQUIRED",
+    "RUN_FILE",
+    "RUN_FORMAT",
+    "Dataset",
+    "check_format",
+]
+
+RUN_FORMAT: Final = "evs-bench-run/1"
+POINT_FORMAT: Final = "evs-bench-point/1"
+RUN_FILE: Final = "run.yaml"
+JOURNAL_FILE: Final = "journal.jsonl"
+POINTS_FOLDER: Final = "points"
+PART_SUFFIX: Final = ".part"
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """What the format says of one dataset. `shape` has None where the length is free."""
+
+    path: str
+    dtype: str
+    units: tuple[str, ...]  #: accepted units; the first is what is written
+    columns: int = 0  #: 0 for a vector, else the number of columns
+
+
+EVENT_DATASETS: Final = (
+    Dataset("events/t", "int64", ("us",)),
+    Dataset("events/x", "uint16", ("pixel",)),
+    Dataset("events/y", "uint16", ("pixel",)),
+    Dataset("events/p", "uint8", ("1",)),
+)
+STIMULUS_T: Final = Dataset("stimulus/t", "float64", ("s",))
+STIMULUS_LUX: Final = Dataset("stimulus/illuminance", "float64", ("lux",))
+STIMULUS_TRIGGER: Final = Dataset("stimulus/trigger", "int64", ("1",))
+PULSE_START: Final = Dataset("pulses/start", "float64", ("s",))
+PULSE_STOP: Final = Dataset("pulses/stop", "float64", ("s",))
+PULSE_KIND: Final = Dataset("pulses/kind", "uint8", ("1",))
+PULSE_VALID: Final = Dataset("pulses/valid", "uint8", ("1",))
+PULSE_CONTRAST: Final = Dataset("pulses/log_contrast", "float64", ("1", "ln"))
+TRIGGER_T: Final = Dataset("triggers/t", "int64", ("us",))
+TRIGGER_P: Final = Dataset("triggers/p", "uint8", ("1",))
+GAPS: Final = Dataset("quality/gaps", "float64", ("s",), columns=2)
+MASKED: Final = Dataset("pixels/masked", "uint16", ("pixel",), columns=2)
+
+REQUIRED: Final = (
+    *EVENT_DATASETS,
+    STIMULUS_T,
+    STIMULUS_LUX,
+    PULSE_START,
+    PULSE_STOP,
+    PULSE_KIND,
+    TRIGGER_T,
+    TRIGGER_P,
+)
+
+_FORMAT = re.compile(r"(?P<name>[a-z-]+)/(?P<number>[0-9]+)")
+
+
+def check_format(found: object, expected: str, where: str) -> None:
+    """Raise :class:`RunError` unless `found` is the format `expected`, or an older number of it."""
+    match = _FORMAT.fullmatch(found) if isinstance(found, str) else None
+    name, number = expected.split("/")
+    if match is None or match["name"] != name:
+        raise RunError(f"{where}: format is {found!r}, expected {expected!r}")
+    if int(match["number"]) > int(number):
+        raise RunError(
+            f"{where}: format {found} is newer than this version of the bench reads ({expected}): update it"
+        )

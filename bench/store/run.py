@@ -1,0 +1,137 @@
+"""A run folder, for reading."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.store import layout
+from bench.store.errors import RunError
+from bench.store.header import read_header
+from bench.store.journal import JournalEntry, last_done, read_journal
+from bench.store.probe import is_known, probe, remember
+from bench.store.reader import read_events, read_point
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bench.store.data import PointData, RunHeader
+
+_log = logging.getLogger("evs_bench.store")
+
+__all__ = ["PointFile", "Run", "sha256_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class PointFile:
+    """One finished point: its file, and the checksum that the journal has of it."""
+
+    path: Path
+    sha256: str | None = None  #: None where there is no journal
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run folder as a reader sees it: what was asked, and the points that were finished."""
+
+    folder: Path
+    header: RunHeader
+    files: tuple[PointFile, ...]  #: finished points, in the order of the plan
+    journal: tuple[JournalEntry, ...] = ()  #: empty where there is none
+
+    @classmethod
+    def open(cls, path: Path | str) -> Run:
+        """Open the run in the folder `path`.
+
+        With a journal, the file of each point's last ``done`` line is taken; without one, all of ``points/*.h5``.
+
+        Raises
+        ------
+        RunError
+            If there is no run, its format is newer, or a file that the journal calls done is not there.
+        """
+        folder = Path(path)
+        if not folder.is_dir():
+            raise RunError(f"{folder}: there is no such run folder")
+        if not (folder / layout.RUN_FILE).exists():
+            raise RunError(f"{folder}: this is no run, it has no {layout.RUN_FILE}")
+        header = read_header(folder / layout.RUN_FILE)
+        journal_file = folder / layout.JOURNAL_FILE
+        if not journal_file.exists():
+            return cls(folder, header, _all_files(folder))
+        journal = read_journal(journal_file)
+        return cls(folder, header, _done_files(folder, journal), tuple(journal))
+
+    def __len__(self) -> int:
+        """Return the number of finished points."""
+        return len(self.files)
+
+    def points(self) -> Iterator[PointData]:
+        """Yield the finished points in the order of the plan, each read when it is asked for.
+
+        Raises
+        ------
+        RunError
+            For a file that is damaged. One that is sound but not as it was written is noted in the log.
+        """
+        self._require_readable()
+        for file in self.files:
+            yield read_point(file.path, self.header.roi)
+
+    def verify(self) -> None:
+        """Read every point to its last event, and compare checksums with the journal.
+
+        Raises
+        ------
+        RunError
+            For the first file that is damaged or is not the one that was written.
+        """
+        self._require_readable()
+        for file in self.files:
+            if file.sha256 is not None and sha256_of(file.path) != file.sha256:
+                raise RunError(f"{file.path}: the file was changed since it was written (its SHA-256 differs)")
+            point = read_point(file.path, self.header.roi)
+            for _ in read_events(file.path, roi=point.roi):
+                pass
+
+    def _require_readable(self) -> None:
+        """Raise if the HDF5 library would not survive a file; see :mod:`bench.store.probe`."""
+        doubtful = [file for file in self.files if not is_known(file.path)]
+        for file in doubtful:
+            if file.sha256 is not None and sha256_of(file.path) == file.sha256:
+                remember([file.path])
+            elif file.sha256 is not None:
+                _log.warning("%s: the file was changed since it was written", file.path)
+        probe(file.path for file in doubtful)
+
+
+def _all_files(folder: Path) -> tuple[PointFile, ...]:
+    return tuple(PointFile(path) for path in sorted((folder / layout.POINTS_FOLDER).glob("*.h5")))
+
+
+def _done_files(folder: Path, journal: list[JournalEntry]) -> tuple[PointFile, ...]:
+    return tuple(PointFile(_file_of(folder, entry), entry.sha256) for entry in last_done(journal).values())
+
+
+def _file_of(folder: Path, entry: JournalEntry) -> Path:
+    where = folder / layout.JOURNAL_FILE
+    if entry.file is None:
+        raise RunError(f"{where}: point {entry.point} is done, but no file is named")
+    path = folder / entry.file
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise RunError(f"{where}: point {entry.point}: {entry.file} lies outside the run folder")
+    if not path.is_file():
+        raise RunError(f"{where}: point {entry.point} is done, but {entry.file} is not there")
+    return path
+
+
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of the file `path`, in hexadecimal."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

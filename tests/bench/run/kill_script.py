@@ -1,0 +1,55 @@
+"""Runs a protocol of many points, with a camera that makes events up quickly, and waits to be killed.
+
+Usage: kill_script.py FOLDER
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from conftest import PROTOCOL, build_station  # type: ignore[import-not-found]
+
+from bench.run import run_protocol
+from bench.run.progress import LineProgress
+from drivers.events.types import EVENT_DTYPE, EventChunk, empty_triggers
+from protocols import parse_protocol
+from sim_backend.devices.camera import SimulatedCamera
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from drivers.interfaces import Recording
+
+
+class QuickCamera(SimulatedCamera):
+    """A camera whose events are noise from the seed of the recording: nothing to compile, nothing to wait for."""
+
+    def start(self, recording: Recording) -> None:
+        super().start(recording)
+        self._seed = recording.seed
+
+    def chunks(self) -> Iterator[EventChunk]:
+        rng = np.random.default_rng(self._seed)
+        events = np.empty(int(rng.integers(0, 20_000)), EVENT_DTYPE)
+        events["t"] = np.sort(rng.integers(0, 500_000, len(events)))
+        events["x"], events["y"] = rng.integers(10, 14, len(events)), rng.integers(20, 23, len(events))
+        events["p"] = rng.integers(0, 2, len(events))
+        for part in np.array_split(events, 3):
+            yield EventChunk(part, empty_triggers())
+
+
+def main(folder: Path) -> None:
+    """Take 300 points into `folder`."""
+    text = PROTOCOL.replace("values: [0.5, 1.0]", "linspace: {start: 0.1, stop: 1.0, num: 300}")
+    protocol = parse_protocol(text, "killed.yaml")
+    run_protocol(protocol, build_station(camera=QuickCamera), folder, progress=LineProgress(sys.stderr, 0.0))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
