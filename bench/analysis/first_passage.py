@@ -1,10 +1,10 @@
 """When a noisy pixel answers a step of light: first passage of low-pass noise over the threshold.
 
-Behind a first-order low-pass of time constant tau the output after a step c at t = 0 is ``V(t) = c (1 - exp(-t/tau))
-+ n(t)``, with n stationary Gaussian noise of rms sigma. Measured from the level at which it will settle, ``y = (V - c)
-/ sigma`` is an Ornstein-Uhlenbeck process of unit variance that starts at ``n(0) / sigma - C``, with C = c / sigma.
-The pixel memorised its level r = N(0, sigma) around the baseline, so it answers when y first reaches the barrier ``H =
-(theta + r) / sigma - C``, which does not move. Time in units of tau and levels in units of sigma, one table of the
+Behind a first-order low-pass of time constant tau the output after a step c at 0 is ``V(t) = c (1 - e^(-t/tau)) +
+n(t)``, n stationary Gaussian noise of rms sigma. Measured from the level at which it will settle, ``y = (V - c) /
+sigma`` is an Ornstein-Uhlenbeck process of unit variance that starts at ``n(0) / sigma - C``, with C = c / sigma. The
+pixel memorised its level r = N(0, sigma) around the baseline, so it answers when y first reaches the barrier ``H
+= (theta + r) / sigma - C``, which does not move. Time in units of tau and levels in units of sigma, one table of the
 chance S(t; H, C) that y has not reached H by t therefore holds for every pixel there is.
 
 S is found from the backward Kolmogorov equation ``dS/dt = d2S/dy2 - y dS/dy``, S = 0 at y = H, S = 1 at t = 0 (L. M.

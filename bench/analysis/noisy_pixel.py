@@ -2,8 +2,9 @@
 
 Noise helps a step over the threshold, so an S-curve lies to the left of it: by three times the noise where a pixel
 has fifty time constants to answer in. Fitting the first passage itself (:mod:`bench.analysis.first_passage`) takes
-that away. Threshold, spread over the pixels, noise and time constant are those that make the counts of each pixel and
-the latencies together likeliest. What the sensor is said to be set to is not used.
+that away. Threshold, spread over the pixels and noise come from the counts of each pixel, the time constant from the
+latencies; the two take turns until they agree. Latencies count for no more than that, because their shape also holds
+the rise of the light. What the sensor is said to be set to is not used.
 
 The law holds where the reference was memorised at the settled baseline: reset and test pulses, gaps of the refractory
 period and several time constants, and a refractory period of several time constants too.
@@ -12,12 +13,12 @@ period and several time constants, and a refractory period of several time const
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.analysis.noisy_pixel_fit import Data, Errors, Found, find_errors, fit_jointly, fit_pixels, fit_tau
+from bench.analysis.noisy_pixel_fit import Data, Errors, find_errors, fit_pixels, fit_tau
 from bench.analysis.noisy_pixel_model import Answers, Conditions, Latencies, Nodes, Pixels, curve
 from bench.analysis.results import Estimate
 
@@ -38,13 +39,15 @@ _LEAST_RISING: Final = 4  # contrasts on the rise of the curve that a fit needs
 _RISE: Final = (0.03, 0.97)  # of the highest share
 _LEAST_TOP: Final = 0.7  # the highest share that a fit needs
 _LEAST_LATENCIES: Final = 3  # contrasts whose latencies are known
+_LEAST_STAMPED: Final = 8  # contrasts from whose latencies a time grid is seen
 _OTHER_RATIO: Final = (0.9, 0.25)  # (other threshold / theta) and its error, where nothing is known of it
 _ARMED_LN: Final = 0.5  # error of ln(time armed), where it is not known
-_TURNS: Final = 3
-_ROUNDS: Final = 8
-_SETTLED: Final = 0.001  # relative change of tau and theta from one round to the next
+_ROUNDS: Final = 12
+_NEARLY: Final = 0.01  # relative change of tau in a round below which rounds are done with care
+_SETTLED: Final = 0.002  # and below which they end
 _VAGUE: Final = 0.1  # a standard error of theta above this part of it is no result
 _POOR: Final = 2.0  # chi-square per degree of freedom above which the fit is called poor
+_COARSE_GRID: Final = 0.05  # a time grid longer than this part of tau is more than a small correction
 _CURVE_POINTS: Final = 121
 _US_PER_S: Final = 1e6
 
@@ -88,12 +91,13 @@ def reason_against(rows: Sequence[ResponseRow]) -> str | None:
 def time_grid_s(rows: Sequence[ResponseRow]) -> float:
     """Return the time step of comparators that do not look all the time, as the latencies show it; 0 for others.
 
-    Time stamps count microseconds. Where all median latencies are multiples of a longer step, the sensor looks, or is
-    simulated, at that step.
+    Time stamps count microseconds. Where the medians and the interquartile ranges of all latencies are multiples of a
+    longer step, the sensor looks, or is simulated, at that step. Fewer than eight rows could be so by chance.
     """
-    medians_us = np.array([row.latency_median_s * _US_PER_S for row in rows if row.latency_counts.any()])
-    whole = np.rint(medians_us)
-    if whole.size < _LEAST_LATENCIES or not np.allclose(medians_us, whole, rtol=0.0, atol=0.01):
+    answered = [row for row in rows if row.latency_counts.any()]
+    seen_us = np.array([v * _US_PER_S for row in answered for v in (row.latency_median_s, row.latency_iqr_s)])
+    whole = np.rint(seen_us)
+    if len(answered) < _LEAST_STAMPED or not np.allclose(seen_us, whole, rtol=0.0, atol=0.01):
         return 0.0
     step_us = int(np.gcd.reduce(whole.astype(np.int64)))
     return step_us / _US_PER_S if step_us > 1 else 0.0
@@ -121,7 +125,7 @@ def fit_theta(
         Threshold of the other polarity, ln units, from other data than these rows. The noise events over it, while
         the pixel waits, thin out the references that are farthest from the threshold under test. Without it, it is
         taken as 0.9 +/- 0.25 of the threshold under test and fitted along. It helps only together with `armed_s`;
-        then the interval is about half as wide.
+        then the interval is about a third narrower.
     window_s
         Length of the response window.
     armed_s
@@ -151,7 +155,7 @@ def fit_theta(
     window = float(rows[0].latency_edges_s[-1]) if window_s is None else window_s
     start, tau_s = _guess(rows)
     conditions = Conditions(tau_s, window, window if armed_s is None else armed_s, grid)
-    return _fit(data, Found(start, conditions, delay=0.05, poor=1.0))
+    return _take_turns(data, start, conditions)
 
 
 def fit_both(
@@ -186,30 +190,31 @@ def _guess(rows: Sequence[ResponseRow]) -> tuple[Pixels, float]:
     middle, high = (float(np.interp(q * share[-1], share, contrast)) for q in (0.5, 0.84))
     noise = 0.85 * max(high - middle, 1e-3)
     theta = middle + 2.8 * noise
-    largest = rows[-1]
+    largest = [row for row in rows if row.latency_counts.any()][-1]
     left = max(largest.log_contrast - theta + noise, 0.1 * largest.log_contrast)
-    tau_s = largest.latency_median_s / math.log(largest.log_contrast / left)
+    tau_s = max(largest.latency_median_s, 1.0 / _US_PER_S) / math.log(largest.log_contrast / left)
     return Pixels(theta, noise, 0.3 * noise, min(float(share[-1]), 0.999), _OTHER_RATIO[0]), tau_s
 
 
-def _fit(data: Data, start: Found) -> ThetaFit | None:
-    """Fit counts and latencies in turns, to get near, and then together, until nothing moves."""
-    found: Found | None = start
-    for _ in range(_TURNS):
-        found = fit_tau(data, fit_pixels(data, found))
-        if found is None:
-            return None
+def _take_turns(data: Data, start: Pixels, conditions: Conditions) -> ThetaFit | None:
+    """Fit the pixels with tau fixed, tau with the pixels fixed, and again, until tau stays."""
+    pixels, delay, moved = start, 0.05, math.inf
     for _ in range(_ROUNDS):
-        before, found = found, fit_jointly(data, found)
-        if found.moved(before) < _SETTLED:
+        quick = moved > _NEARLY
+        pixels = fit_pixels(data, pixels, conditions, quick=quick)
+        tau = fit_tau(pixels, conditions, data.latencies, delay)
+        if tau is None:
+            return None
+        moved = abs(math.log(tau.tau_s / conditions.tau_s))
+        if moved < _SETTLED and not quick:
             break
-        found = found.halfway(before)  # a whole step may overshoot
+        conditions, delay = replace(conditions, tau_s=tau.tau_s), tau.delay
     else:
         return None
-    errors = find_errors(data, found)
-    if errors is None or not errors.theta < _VAGUE * found.pixels.theta:
+    errors = find_errors(data, pixels, conditions, tau)
+    if errors is None or not errors.theta < _VAGUE * pixels.theta:
         return None
-    return _result(data, found.pixels, found.conditions, errors)
+    return _result(data, pixels, conditions, errors)
 
 
 def _result(data: Data, pixels: Pixels, conditions: Conditions, errors: Errors) -> ThetaFit:
@@ -249,6 +254,8 @@ def _note(data: Data, conditions: Conditions, errors: Errors) -> str:
         parts.append("time armed taken as the response window")
     if conditions.grid_s > 0.0:
         parts.append(f"comparators taken to look every {conditions.grid_s * _US_PER_S:g} us")
+    if conditions.grid_s > _COARSE_GRID * conditions.tau_s:
+        parts.append("which is coarse for the time constant found: theta may be a few per cent low")
     if errors.chi2 > _POOR * errors.dof:
         parts.append(f"poor fit (chi-square {errors.chi2 / errors.dof:.1f} per degree of freedom), interval widened")
     return "; ".join(parts)

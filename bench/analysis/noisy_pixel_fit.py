@@ -1,4 +1,4 @@
-"""The likeliest noisy pixels, given counts and latencies, and their errors."""
+"""The likeliest noisy pixels for a time constant, the likeliest time constant for pixels, and the errors of both."""
 
 from __future__ import annotations
 
@@ -11,23 +11,27 @@ import numpy as np
 from bench.analysis.noisy_pixel_model import Conditions, LatencyModel, Nodes, Pixels, goodness, log_likelihood
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy.typing as npt
 
     from bench.analysis.noisy_pixel_model import Answers, Latencies
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Data", "Errors", "Found", "find_errors", "fit_jointly", "fit_pixels", "fit_tau"]
+__all__ = ["Data", "Errors", "TauFit", "find_errors", "fit_pixels", "fit_tau"]
 
-_NAMES: Final = ("theta", "noise_rms", "mismatch", "plateau", "other_ratio", "tau_ln", "delay")
-_PIXELS: Final = 5  # the first of them describe pixels
+_NAMES: Final = ("theta", "noise_rms", "mismatch", "plateau", "other_ratio")
+_LATENCY_NAMES: Final = ("theta", "noise_rms", "other_ratio")  # those of them that latencies depend on
 _LEAST_MISMATCH: Final = 0.002  # bound, in noise rms
 _NO_MISMATCH: Final = 0.04  # one below this many noise rms is taken to be at its bound
 _FULL_PLATEAU: Final = 0.9995  # one above this is taken to be 1
 _FITTED: Final = 4  # parameters that the counts determine
 _TAU_RANGE: Final = 2.0  # of ln(tau) around where a fit starts
 _DELAYS: Final = (-0.3, 3.0)  # bounds, in tau; a negative one can only be chance
-_ARMED_STEP: Final = 1.2  # factor for a numerical derivative
+_SMALL: Final = 0.05  # step of the derivatives by which latencies move; threshold and noise in noise rms
+_TAU_STEP: Final = 1.02  # factors for numerical derivatives
+_ARMED_STEP: Final = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,141 +44,94 @@ class Data:
     other_ratio: tuple[float, float]  #: that divided by theta, and its standard error, where it is not
     armed_ln: float  #: standard error of the logarithm of the time armed
 
-    def loss(self, pixels: Pixels, conditions: Conditions, nodes: Nodes, scale: float = 1.0) -> float:
-        """Return minus the log-likelihood of the counts, over `scale`, and of what is known of the other threshold."""
+    def loss(self, pixels: Pixels, conditions: Conditions, nodes: Nodes) -> float:
+        """Return minus the log-likelihood of the counts and of what is known of the other threshold."""
         mean, error = self.other_ratio
         if self.other is not None:
             mean, error = self.other[0] / pixels.theta, self.other[1] / pixels.theta
         known = 0.5 * ((pixels.other_ratio - mean) / error) ** 2
-        return known - log_likelihood(pixels, conditions, self.answers, nodes) / scale
+        return known - log_likelihood(pixels, conditions, self.answers, nodes)
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
-    """Where a fit stands."""
+def fit_pixels(data: Data, start: Pixels, conditions: Conditions, *, quick: bool) -> Pixels:
+    """Return the pixels that make the counts likeliest; `quick` is good enough for the first of several rounds."""
+    from iminuit import Minuit
 
-    pixels: Pixels
-    conditions: Conditions
-    delay: float  #: of the light and the readout, units of tau
-    poor: float  #: deviance of the latencies per degree of freedom, at least 1
+    nodes = Nodes.for_fit(start, data.answers)
 
-    def moved(self, before: Found) -> float:
-        """Return the relative change of time constant or threshold since `before`, whichever is larger."""
-        tau = math.log(self.conditions.tau_s / before.conditions.tau_s)
-        return max(abs(tau), abs(math.log(self.pixels.theta / before.pixels.theta)))
+    def loss(*values: float) -> float:
+        return data.loss(Pixels(*values), conditions, nodes)
 
-
-    def halfway(self, other: Found) -> Found:
-        """Return the middle between this and `other`."""
-        middle = (0.5 * (a + b) for a, b in zip(_values(self.pixels), _values(other.pixels), strict=True))
-        tau_s = math.sqrt(self.conditions.tau_s * other.conditions.tau_s)
-        delay = 0.5 * (self.delay + other.delay)
-        return Found(Pixels(*middle), replace(self.conditions, tau_s=tau_s), delay, self.poor)
-
-
-def _bounds(start: Pixels) -> list[tuple[float, float]]:
-    return [
+    fit = Minuit(loss, *(getattr(start, name) for name in _NAMES), name=_NAMES)
+    fit.errordef = Minuit.LIKELIHOOD
+    fit.errors = [0.01 * start.theta, 0.02 * start.noise_rms, 0.1 * start.mismatch, 0.001, 0.03]
+    fit.limits = [
         (0.3 * start.theta, 3.0 * start.theta),
         (0.1 * start.noise_rms, 10.0 * start.noise_rms),
         (_LEAST_MISMATCH * start.noise_rms, 10.0 * start.theta),
         (0.1, 1.0),
         (0.3, 3.0),
     ]
-
-
-def _first_steps(start: Pixels) -> list[float]:
-    return [0.01 * start.theta, 0.02 * start.noise_rms, 0.1 * start.mismatch, 0.001, 0.03]
-
-
-def _values(pixels: Pixels) -> list[float]:
-    return [getattr(pixels, name) for name in _NAMES[:_PIXELS]]
-
-
-def fit_pixels(data: Data, found: Found) -> Found:
-    """Return about the pixels that make the counts likeliest at the time constant found so far."""
-    from iminuit import Minuit
-
-    nodes = Nodes.for_fit(found.pixels, data.answers)
-
-    def loss(*values: float) -> float:
-        return data.loss(Pixels(*values), found.conditions, nodes)
-
-    fit = Minuit(loss, *_values(found.pixels), name=_NAMES[:_PIXELS])
-    fit.errordef = Minuit.LIKELIHOOD
-    fit.errors, fit.limits = _first_steps(found.pixels), _bounds(found.pixels)
-    fit.strategy, fit.tol = 0, 10.0
+    fit.strategy, fit.tol = (0, 10.0) if quick else (1, 0.1)
     fit.migrad()
-    return replace(found, pixels=Pixels(*(float(value) for value in fit.values)))
+    return Pixels(*(float(value) for value in fit.values))
 
 
-def fit_tau(data: Data, found: Found) -> Found | None:
-    """Return the time constant and delay that fit the latencies best, for the pixels found; None without latencies."""
+@dataclass(frozen=True, slots=True)
+class TauFit:
+    """The time constant that fits the latencies of given pixels best."""
+
+    tau_s: float
+    delay: float  #: of the light and the readout, units of tau
+    error_ln: float  #: standard error of ln(tau), widened where the latencies fit badly
+
+
+def fit_tau(pixels: Pixels, conditions: Conditions, latencies: Latencies, delay: float) -> TauFit | None:
+    """Return the time constant and the common delay that fit the latencies best; None where they do not tell.
+
+    Parameters
+    ----------
+    pixels
+        What is held fixed.
+    conditions
+        Their time constant is where to start.
+    latencies
+        What is fitted.
+    delay
+        To start from, units of tau.
+    """
     from scipy.optimize import minimize
 
-    model = LatencyModel(found.pixels, found.conditions, data.latencies)
-    before_s = found.conditions.tau_s
-    if not model.free(before_s):
+    model = LatencyModel(pixels, conditions, latencies)
+    if not model.free(conditions.tau_s):
         return None
+
+    def deviance(at: Floats) -> float:
+        return model.deviance(conditions.tau_s * math.exp(at[0]), float(at[1]))
+
     best = minimize(
-        lambda at: model.deviance(found.pixels, before_s * math.exp(at[0]), float(at[1])),
-        [0.0, found.delay],
+        deviance,
+        [0.0, delay],
         method="Nelder-Mead",
         bounds=[(-_TAU_RANGE, _TAU_RANGE), _DELAYS],
-        options={
-            "xatol": 1e-3,
-            "fatol": 0.1,
-            "initial_simplex": [[0.0, found.delay], [0.1, found.delay], [0.0, found.delay + 0.05]],
-        },
+        options={"xatol": 3e-4, "fatol": 0.03, "initial_simplex": [[0.0, delay], [0.1, delay], [0.0, delay + 0.05]]},
     )
-    tau_s = before_s * math.exp(best.x[0])
+    tau_s = conditions.tau_s * math.exp(best.x[0])
     poor = max(1.0, float(best.fun) / max(model.free(tau_s), 1))
-    return replace(found, conditions=replace(found.conditions, tau_s=tau_s), delay=float(best.x[1]), poor=poor)
+    return TauFit(tau_s, float(best.x[1]), math.sqrt(poor * _variance_of_first(deviance, best.x)))
 
 
-class _Joint:
-    """Counts and latencies together, as a function of all that is to be found.
-
-    Latencies that fit badly count less, by their deviance per degree of freedom.
-    """
-
-    def __init__(self, data: Data, found: Found) -> None:
-        self._data, self._found = data, found
-        self.nodes = Nodes.for_fit(found.pixels, data.answers)
-        self.latencies = LatencyModel(found.pixels, found.conditions, data.latencies)
-
-    def at(self, values: Floats | tuple[float, ...]) -> Found:
-        """Return what the values (7,) stand for."""
-        tau_s = self._found.conditions.tau_s * math.exp(values[_PIXELS])
-        conditions = replace(self._found.conditions, tau_s=tau_s)
-        return replace(
-            self._found, pixels=Pixels(*(float(v) for v in values[:_PIXELS])), conditions=conditions, delay=values[-1]
-        )
-
-    def deviance(self, found: Found) -> float:
-        """Return that of the latencies."""
-        return self.latencies.deviance(found.pixels, found.conditions.tau_s, found.delay)
-
-    def loss(self, values: Floats | tuple[float, ...], scale: float = 1.0, armed: float = 1.0) -> float:
-        """Return what is made smallest; `scale` divides the counts' part, `armed` multiplies the time armed."""
-        found = self.at(values)
-        conditions = replace(found.conditions, armed_s=found.conditions.armed_s * armed)
-        counts = self._data.loss(found.pixels, conditions, self.nodes, scale)
-        return counts + 0.5 * self.deviance(found) / found.poor
-
-
-def fit_jointly(data: Data, found: Found) -> Found:
-    """Return what makes counts and latencies together likeliest, the latencies' law taken as linear around `found`."""
-    from iminuit import Minuit
-
-    joint = _Joint(data, found)
-    fit = Minuit(lambda *values: joint.loss(values), *_values(found.pixels), 0.0, found.delay, name=_NAMES)
-    fit.errordef = Minuit.LIKELIHOOD
-    fit.errors = [*_first_steps(found.pixels), 0.01, 0.01]
-    fit.limits = [*_bounds(found.pixels), (-_TAU_RANGE, _TAU_RANGE), _DELAYS]
-    fit.strategy = 0
-    fit.migrad()
-    best = joint.at([float(value) for value in fit.values])
-    return replace(best, poor=max(1.0, joint.deviance(best) / max(joint.latencies.free(best.conditions.tau_s), 1)))
+def _variance_of_first(deviance: Callable[[Floats], float], at: Floats) -> float:
+    """Return the variance of the first of two numbers, from the curvature of a deviance at its minimum."""
+    step = 0.02
+    e, f = np.array([step, 0.0]), np.array([0.0, step])
+    here = deviance(at)
+    a = (deviance(at + e) + deviance(at - e) - 2.0 * here) / step**2
+    c = (deviance(at + f) + deviance(at - f) - 2.0 * here) / step**2
+    same, opposite = (deviance(at + e + s * f) + deviance(at - e - s * f) for s in (1.0, -1.0))
+    b = (same - opposite) / (4.0 * step**2)
+    determinant = a * c - b * b
+    return 2.0 * c / determinant if a > 0.0 and determinant > 0.0 else 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,53 +147,61 @@ class Errors:
     dof: int
 
 
-def find_errors(data: Data, found: Found) -> Errors | None:
-    """Return the errors of a fit; None where the data leave something open.
+def find_errors(data: Data, pixels: Pixels, conditions: Conditions, tau: TauFit) -> Errors | None:
+    """Return the errors of a fit; None where the counts leave a parameter open.
 
-    They come from the curvature of the loss, in which counts that fit badly count less, by their chi-square per
-    degree of freedom, and from the shift of the minimum with the time armed where that is not known.
+    With p the pixels and x = ln(tau), ``dp = dp_counts + A dx + D d ln(armed)`` and ``dx = dx_latencies + B dp``, the
+    three sources independent. Counts that fit badly have their part scaled by chi-square per degree of freedom.
     """
-    joint = _Joint(data, found)
-    chi2, judged = goodness(found.pixels, found.conditions, data.answers, joint.nodes)
-    dof = max(judged - _FITTED, 1)
-    curvature = _Curvature(joint, found, max(1.0, chi2 / dof))
-    covariance = curvature.covariance()
-    if covariance is None:
+    curvature = _Curvature(data, pixels, conditions)
+    counts = curvature.covariance()
+    if counts is None:
         return None
+    chi2, judged = goodness(pixels, conditions, data.answers, curvature.nodes)
+    dof = max(judged - _FITTED, 1)
+    by_tau = curvature.shift(counts, replace(conditions, tau_s=conditions.tau_s * _TAU_STEP)) / math.log(_TAU_STEP)
+    whole = counts * max(1.0, chi2 / dof) + np.outer(by_tau, by_tau) * tau.error_ln**2
     if data.armed_ln > 0.0:
-        shift = curvature.shift(covariance) / math.log(_ARMED_STEP)
-        covariance = covariance + np.outer(shift, shift) * data.armed_ln**2
-    theta, noise, mismatch, plateau, _, tau, _ = (float(v) for v in np.sqrt(np.diag(covariance)) * curvature.free)
-    return Errors(theta, noise, mismatch, plateau, tau, chi2, dof)
+        longer = replace(conditions, armed_s=conditions.armed_s * _ARMED_STEP)
+        by_armed = curvature.shift(counts, longer) / math.log(_ARMED_STEP)
+        whole += np.outer(by_armed, by_armed) * data.armed_ln**2
+    back = _tau_by_pixels(pixels, conditions, data.latencies, tau)
+    turn = np.linalg.inv(np.eye(len(_NAMES)) - np.outer(by_tau, back))
+    whole = turn @ whole @ turn.T
+    theta, noise, mismatch, plateau = (float(v) for v in np.sqrt(np.diag(whole)[:4]) * curvature.free[:4])
+    tau_ln = math.sqrt(tau.error_ln**2 + float(back @ whole @ back))
+    return Errors(theta, noise, mismatch, plateau, tau_ln, chi2, dof)
 
 
 class _Curvature:
     """Derivatives of the loss around its minimum."""
 
-    def __init__(self, joint: _Joint, found: Found, scale: float) -> None:
-        self._joint, self._scale = joint, scale
-        pixels, noise = found.pixels, found.pixels.noise_rms
-        self._at = np.array([*_values(pixels), 0.0, found.delay])
-        self._step = np.array([0.02 * noise, 0.01 * noise, 0.02 * noise, 3e-4, 0.02, 0.005, 0.005])
-        self.free = np.ones(self._at.size, np.bool_)
-        self.free[2] = pixels.mismatch > _NO_MISMATCH * noise
-        self.free[3] = pixels.plateau < _FULL_PLATEAU
+    def __init__(self, data: Data, pixels: Pixels, conditions: Conditions) -> None:
+        self._data, self._conditions = data, conditions
+        self.nodes = Nodes.for_fit(pixels, data.answers)
+        self._at = np.array([getattr(pixels, name) for name in _NAMES])
+        noise = pixels.noise_rms
+        self._step = np.array([0.02 * noise, 0.01 * noise, 0.02 * noise, 3e-4, 0.02])
+        self.free = np.array(
+            [True, True, pixels.mismatch > _NO_MISMATCH * noise, pixels.plateau < _FULL_PLATEAU, True]
+        )
 
-    def _gradient(self, at: Floats, armed: float = 1.0) -> Floats:
+    def _gradient(self, at: Floats, conditions: Conditions) -> Floats:
         gradient = np.zeros(at.size)
         for i in np.flatnonzero(self.free):
             step = np.where(np.arange(at.size) == i, self._step, 0.0)
-            up, down = (self._joint.loss(at + s * step, self._scale, armed) for s in (1.0, -1.0))
+            up, down = (self._data.loss(Pixels(*(at + s * step)), conditions, self.nodes) for s in (1.0, -1.0))
             gradient[i] = (up - down) / (2.0 * self._step[i])
         return gradient
 
     def covariance(self) -> Floats | None:
-        """Return (7, 7) the inverse of the curvature, zero for what is at its bound; None where there is none."""
+        """Return (5, 5) the covariance from the counts, zero for what is at its bound; None where there is none."""
         size = self._at.size
         hessian = np.zeros((size, size))
         for i in np.flatnonzero(self.free):
             step = np.where(np.arange(size) == i, self._step, 0.0)
-            hessian[i] = (self._gradient(self._at + step) - self._gradient(self._at - step)) / (2.0 * self._step[i])
+            up, down = (self._gradient(self._at + s * step, self._conditions) for s in (1.0, -1.0))
+            hessian[i] = (up - down) / (2.0 * self._step[i])
         free = np.ix_(self.free, self.free)
         scale = np.outer(self._step, self._step)[free]
         curvature = 0.5 * (hessian + hessian.T)[free] * scale
@@ -246,6 +211,20 @@ class _Curvature:
         covariance[free] = np.linalg.inv(curvature) * scale
         return covariance
 
-    def shift(self, covariance: Floats) -> Floats:
-        """Return (7,) how far the minimum moves when the time armed is longer by the step."""
-        return np.asarray(covariance @ (self._gradient(self._at) - self._gradient(self._at, _ARMED_STEP)))
+    def shift(self, covariance: Floats, changed: Conditions) -> Floats:
+        """Return (5,) how far the minimum moves under changed conditions."""
+        more = self._gradient(self._at, changed) - self._gradient(self._at, self._conditions)
+        return np.asarray(-covariance @ more)
+
+
+def _tau_by_pixels(pixels: Pixels, conditions: Conditions, latencies: Latencies, tau: TauFit) -> Floats:
+    """Return (5,) the derivative of the fitted ln(tau) by what latencies depend on."""
+    slope = np.zeros(len(_NAMES))
+    here = fit_tau(pixels, conditions, latencies, tau.delay)
+    for name in _LATENCY_NAMES:
+        step = _SMALL if name == "other_ratio" else _SMALL * pixels.noise_rms
+        moved = replace(pixels, **{name: getattr(pixels, name) + step})
+        there = fit_tau(moved, conditions, latencies, tau.delay)
+        if here is not None and there is not None:
+            slope[_NAMES.index(name)] = math.log(there.tau_s / here.tau_s) / step
+    return slope

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -36,7 +36,6 @@ _REACH: Final = 4.5  # where the normal law of the thresholds ends, in its sigma
 _LATENCY_BINS: Final = 40
 _LATENCY_CURVES: Final = 12
 _LATENCY_NODES: Final = 5  # thresholds over which latencies are averaged
-_NEAR: Final = 0.05  # step of the derivatives of latencies; threshold and noise in noise rms
 _LEAST_ANSWERS: Final = 100  # answers that a contrast needs for its latencies to be used
 _LEAST_SHARE: Final = 0.3  # of the pulses, likewise
 _TIE: Final = 1e-6  # an edge this close to a look, in looks, is at it
@@ -221,33 +220,13 @@ def _equal_bins(edges_s: Floats, counts: npt.NDArray[np.int64]) -> tuple[Floats,
 
 
 class LatencyModel:
-    """Latencies expected of pixels close to given ones.
-
-    The chance of no answer by t / tau is found for the given pixels, and, to first order, for others near them.
-    """
+    """Latencies expected of given pixels, as a function of the time constant and of a common delay."""
 
     def __init__(self, pixels: Pixels, conditions: Conditions, latencies: Latencies) -> None:
-        inside = pixels.theta / pixels.noise_rms - latencies.contrast / pixels.noise_rms > _latest_barrier()
+        inside = (pixels.theta - latencies.contrast) / pixels.noise_rms > _lowest_barrier()
         self.latencies = latencies.part(inside)
         self.time = survival_table().time
-        self._pixels = pixels
         self.missed = _missed(pixels, conditions, self.latencies.contrast)
-        self._slopes = {
-            name: (_missed(replace(pixels, **{name: value + step}), conditions, self.latencies.contrast) - self.missed)
-            / step
-            for name, value, step in (
-                ("theta", pixels.theta, _NEAR * pixels.noise_rms),
-                ("noise_rms", pixels.noise_rms, _NEAR * pixels.noise_rms),
-                ("other_ratio", pixels.other_ratio, _NEAR),
-            )
-        }
-
-    def near(self, pixels: Pixels) -> Floats:
-        """Return (k, t) the chance of no answer for pixels that differ little; mismatch hardly changes it."""
-        changes = (
-            (getattr(pixels, name) - getattr(self._pixels, name)) * slope for name, slope in self._slopes.items()
-        )
-        return np.asarray(self.missed + sum(changes))
 
     def free(self, tau_s: float) -> int:
         """Return the number of bins used at a time constant, less that of contrasts."""
@@ -256,24 +235,14 @@ class LatencyModel:
     def _used(self, edges: Floats, tau_s: float) -> npt.NDArray[np.bool_]:
         return np.asarray(edges[1:] <= self.time[-1] * tau_s)
 
-    def deviance(self, pixels: Pixels, tau_s: float, delay: float) -> float:
-        """Return the deviance of the latencies.
+    def deviance(self, tau_s: float, delay: float) -> float:
+        """Return the deviance of the latencies for a time constant and a common delay, the latter in units of it.
 
         Only bins that end within the table's time are used; each contrast is judged by the shape of its latencies
         alone, not by their number.
-
-        Parameters
-        ----------
-        pixels
-            Near those that the model was made for.
-        tau_s
-            Time constant.
-        delay
-            Of the light and the readout, units of tau.
         """
         total = 0.0
-        near = self.near(pixels)
-        for missed, edges, counts in zip(near, self.latencies.edges_s, self.latencies.counts, strict=True):
+        for missed, edges, counts in zip(self.missed, self.latencies.edges_s, self.latencies.counts, strict=True):
             used = self._used(edges, tau_s)
             seen = counts[used]
             if not seen.any():
@@ -285,7 +254,7 @@ class LatencyModel:
         return total
 
 
-def _latest_barrier() -> float:
+def _lowest_barrier() -> float:
     return float(survival_table().barrier[0]) + _WITHIN
 
 

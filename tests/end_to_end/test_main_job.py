@@ -120,6 +120,7 @@ def test_a_recording_is_imported_analysed_and_reported(tmp_path: Path, data_fold
     assert page.read_text().lower().startswith("<!doctype html>")
 
 
+@pytest.mark.slow
 def test_a_run_of_another_simulator_is_analysed_and_reported(tmp_path: Path, data_folder: Path) -> None:
     source = data_folder / "practice" / "practice_3"
     for file in source.rglob("*"):

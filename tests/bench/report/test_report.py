@@ -112,6 +112,7 @@ def test_key_results_stand_in_the_page(family_page: Path) -> None:
     assert "nan" not in re.sub(r"[a-z]*nan[a-z]+|[a-z]+nan[a-z]*", "", text.lower())
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_bytes(family_page: Path, family_analysis: Analysis, run_of: Maker,
                                            tmp_path: Path) -> None:  # fmt: skip
     smaller = with_changes(

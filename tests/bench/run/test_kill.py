@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from bench.store import Run
 from bench.store.run import sha256_of
@@ -32,6 +33,7 @@ def _kill_at_a_random_moment(folder: Path, wait_s: float) -> None:
         child.stderr.read()
 
 
+@pytest.mark.slow
 def test_every_point_that_is_done_survives_a_kill(tmp_path: Path) -> None:
     rng = np.random.default_rng(20)
     interrupted = 0
