@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import select
 import sys
 from typing import TYPE_CHECKING, Any, Final
 
@@ -88,18 +89,33 @@ def run(arguments: list[str]) -> int:
     try:
         result: Any = cli.main(arguments, prog_name="evs-bench", standalone_mode=False)
         sys.stdout.flush()
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else "", err=True)
+        return EXIT_INPUT
     except click.ClickException as error:
         return _fail(EXIT_INPUT, _usage(error))
     except (KeyboardInterrupt, click.Abort):
         return _fail(EXIT_STOPPED, "stopped")
-    except (BrokenPipeError, SystemExit):
-        # The reader of our output went away (`evs-bench events f | head`): nothing to tell, and nowhere to tell it.
-        # click turns that into SystemExit, and into nothing else when it does not stand alone.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except (BrokenPipeError, SystemExit) as error:
+        return _reader_gone() if _stdout_is_closed() else _report(error.__context__ or error)  # click hides it
     except Exception as error:  # noqa: BLE001 - the last resort: every failure becomes one line and a code
         return _report(error)
     return result if isinstance(result, int) else 0
+
+
+def _stdout_is_closed() -> bool:
+    """Return whether the reader of our output went away (`evs-bench events FILE | head`)."""
+    if not hasattr(select, "poll") or not hasattr(sys.stdout, "fileno"):
+        return True
+    poll = select.poll()
+    poll.register(sys.stdout.fileno(), select.POLLOUT)
+    return any(state & (select.POLLERR | select.POLLHUP) for _, state in poll.poll(0))
+
+
+def _reader_gone() -> int:
+    """Leave quietly: there is nothing to tell, and nobody to tell it to."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
 
 
 def _usage(error: click.ClickException) -> str:
@@ -108,7 +124,7 @@ def _usage(error: click.ClickException) -> str:
     return " ".join(error.format_message().split()) + hint
 
 
-def _report(error: Exception) -> int:
+def _report(error: BaseException) -> int:
     from drivers.errors import DeviceError
     from protocols.errors import InputError
 

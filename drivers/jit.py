@@ -37,22 +37,24 @@ def kernel_hash(root: Path) -> str:
 
 
 def _base() -> Path:
-    """Return the first of the user's choice, the user's cache and a temporary folder that is writable."""
+    """Return the first of the user's choice, the user's cache and a new private folder that is writable."""
+    home = os.environ.get("HOME") or os.environ.get("USERPROFILE")
     choices = [
         os.environ.get("EVS_BENCH_CACHE"),
         os.environ.get("XDG_CACHE_HOME"),
-        str(Path("~/.cache").expanduser()),
+        str(Path(home) / ".cache") if home else None,
     ]
     for choice in choices:
         if choice:
             folder = Path(choice) / "evs-bench"
             try:
-                folder.mkdir(parents=True, exist_ok=True)
+                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             except OSError:
                 continue
             if os.access(folder, os.W_OK):
                 return folder
-    return Path(tempfile.gettempdir()) / f"evs-bench-{os.getuid() if hasattr(os, 'getuid') else 0}"
+    # Compiled code is loaded from here, so it must not be a name that somebody else could have made first.
+    return Path(tempfile.mkdtemp(prefix="evs-bench-"))
 
 
 _ROOT: Final = Path(__file__).resolve().parent.parent
