@@ -88,7 +88,8 @@ def run(arguments: list[str]) -> int:
     """Run `evs-bench` with `arguments` and return its exit code."""
     try:
         result: Any = cli.main(arguments, prog_name="evs-bench", standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.ctx.get_help() if error.ctx else "", err=True)
         return EXIT_INPUT
@@ -105,7 +106,7 @@ def run(arguments: list[str]) -> int:
 
 def _stdout_is_closed() -> bool:
     """Return whether the reader of our output went away (`evs-bench events FILE | head`)."""
-    if not hasattr(select, "poll") or not hasattr(sys.stdout, "fileno"):
+    if sys.stdout is None or not hasattr(select, "poll"):
         return True
     poll = select.poll()
     poll.register(sys.stdout.fileno(), select.POLLOUT)
@@ -114,7 +115,8 @@ def _stdout_is_closed() -> bool:
 
 def _reader_gone() -> int:
     """Leave quietly: there is nothing to tell, and nobody to tell it to."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
@@ -132,6 +134,11 @@ def _report(error: BaseException) -> int:
         return _fail(EXIT_INPUT, *[str(problem) for problem in error.problems])
     if isinstance(error, DeviceError):
         return _fail(EXIT_DEVICE, str(error))
+    if isinstance(error, OSError) and error.errno is not None:
+        # The machine said no: no such file, no room, no right. It names what, and why.
+        return _fail(EXIT_INPUT, f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror))
+    if isinstance(error, MemoryError):
+        return _fail(EXIT_INPUT, "there is not enough memory for this")
     from bench.logs import record_bug
 
     what = f"{type(error).__name__}: {error}".splitlines()[0]

@@ -50,9 +50,15 @@ def explain(error: ValidationError, model: type[BaseModel], document: Node, sour
         if complaint.message not in messages:
             messages.append(complaint.message)
     return [
-        Problem(f"{path}: {' or '.join(messages)}" if path else " or ".join(messages), source, line, column)
+        Problem(f"{path}: {_joined(messages)}" if path else _joined(messages), source, line, column)
         for (line, column, path), messages in sorted(found.items())
     ]
+
+
+def _joined(messages: list[str]) -> str:
+    """Join what is said of one place: keys are missing together, but a value fits one type or another."""
+    together = all(message.endswith(" is missing") for message in messages)
+    return (" and " if together else " or ").join(messages)
 
 
 @dataclass(frozen=True, slots=True)

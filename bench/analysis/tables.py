@@ -282,7 +282,9 @@ def _some(names: Sequence[str], most: int = 4) -> str:
 
 
 def _lux(value: float) -> str:
-    return f"{value * 1e3:.3g} mlx" if value < 1.0 else f"{value:.3g} lx"
+    if value == 0.0:
+        return "dark"
+    return f"{value * 1e3:.3g} mlux" if value < 1.0 else f"{value:.3g} lux"
 
 
 def _contrast(estimate: Estimate | None) -> str:

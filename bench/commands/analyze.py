@@ -21,16 +21,15 @@ def command(run: Path, no_pixel_maps: bool, out: Path | None, as_json: bool) -> 
 
     The tables are printed, and written to RUN/analysis.
     """
-    from bench.analysis import analyze
-    from bench.analysis.tables import save, summary_lines, to_json
+    from bench.analysis.tables import summary_lines, to_json
+    from bench.commands.evaluating import evaluate
     from bench.logs import log_into
     from bench.store import Run
 
     opened = Run.open(run)
     results = results_folder(run, out)
     with log_into(results / LOG_NAME):
-        analysis = analyze(opened, pixel_maps=not no_pixel_maps)
-        folder = save(analysis, results)
+        analysis, folder = evaluate(opened, results, pixel_maps=not no_pixel_maps)
     if as_json:
         print_json(to_json(analysis))
     else:

@@ -17,19 +17,15 @@ __all__ = ["command"]
 @json_option
 def command(run: Path, out: Path | None, as_json: bool) -> None:
     """Make the report of the run folder RUN, in RUN/report: one HTML file, figures as PNG and PDF, tables as CSV."""
-    from bench.analysis import analyze
-    from bench.analysis.tables import save
+    from bench.commands.evaluating import evaluate, make_report
     from bench.logs import log_into
-    from bench.models.trace import model_trace
-    from bench.report import write_report
     from bench.store import Run
 
     opened = Run.open(run)
     results = results_folder(run, out)
     with log_into(results / LOG_NAME):
-        analysis = analyze(opened)
-        save(analysis, results)
-        page = write_report(opened, analysis, results / "report", model_trace=model_trace(opened, analysis))
+        analysis, _ = evaluate(opened, results)
+        page = make_report(opened, analysis, results)
     if as_json:
         print_json({"format": "evs-bench-report/1", "run": str(run), "report": str(page)})
     else:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from bench.store import layout
 from bench.store.errors import RunError
 from bench.store.header import read_header
-from bench.store.journal import JournalEntry, last_done, read_journal
+from bench.store.journal import RUN_STATES, JournalEntry, last_done, read_journal
 from bench.store.probe import is_known, probe, remember
 from bench.store.reader import read_events, read_point
 
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 _log = logging.getLogger("evs_bench.store")
 
 __all__ = ["PointFile", "Run", "sha256_of"]
+
+#: Files that were found changed when they were read in this process.
+_changed: set[Path] = set()
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +100,28 @@ class Run:
             for _ in read_events(file.path, roi=point.roi):
                 pass
 
+    def remarks(self) -> tuple[str, ...]:
+        """Return what a reader of results should know of this run, in plain words: what is missing, what was changed.
+
+        Files that were changed are known once the points have been read.
+        """
+        found = []
+        planned = {entry.point for entry in self.journal if entry.state == "planned"}
+        if self.journal and len(self.files) < len(planned):
+            found.append(f"only {len(self.files)} of {len(planned)} planned points were taken: {self._end()}")
+        elif not self.files:
+            found.append("there is no finished point in this run")
+        changed = sorted(file.path.name for file in self.files if file.path in _changed)
+        if changed:
+            found.append(f"points were changed after they were written (SHA-256 differs): {', '.join(changed)}")
+        return tuple(found)
+
+    def _end(self) -> str:
+        last = [entry for entry in self.journal if entry.state in RUN_STATES][-1:]
+        if not last or last[0].state in ("run_started", "resumed"):
+            return "the run did not come to its end"
+        return f"{last[0].state.replace('_', ' ')}{f' ({last[0].reason})' if last[0].reason else ''}"
+
     def _require_readable(self) -> None:
         """Raise if the HDF5 library would not survive a file; see :mod:`bench.store.probe`."""
         doubtful = [file for file in self.files if not is_known(file.path)]
@@ -104,6 +129,7 @@ class Run:
             if file.sha256 is not None and sha256_of(file.path) == file.sha256:
                 remember([file.path])
             elif file.sha256 is not None:
+                _changed.add(file.path)
                 _log.warning("%s: the file was changed since it was written", file.path)
         probe(file.path for file in doubtful)
 

@@ -14,6 +14,7 @@ import yaml
 
 from bench.store import Run, RunError
 from bench.store.reader import read_point
+from bench.store.run import sha256_of
 from protocols.points import Roi
 
 ROI = Roi(600, 300, 16, 16)
@@ -295,3 +296,24 @@ def test_verify_finds_a_file_that_was_changed(small_run: Path) -> None:
     _journal(small_run, {**_done(0, "points/000000.h5"), "sha256": "0" * 64})
     with pytest.raises(RunError, match="SHA-256 differs"):
         Run.open(small_run).verify()
+
+
+def test_what_is_missing_or_changed_is_said(data_folder: Path, tmp_path: Path) -> None:
+    source = data_folder / "practice" / "practice_3"
+    points = tmp_path / "points"
+    points.mkdir()
+    shutil.copy(source / "run.yaml", tmp_path)
+    lines = [{"state": "run_started"}, *({"state": "planned", "point": n} for n in range(3))]
+    for n in range(2):
+        shutil.copy(source / "points" / f"00000{n}.h5", points)
+        digest = sha256_of(points / f"00000{n}.h5") if n else "0" * 64
+        lines.append({"state": "done", "point": n, "file": f"points/00000{n}.h5", "sha256": digest})
+    lines.append({"state": "run_aborted", "reason": "stopped by the operator"})
+    (tmp_path / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    run = Run.open(tmp_path)
+    assert len(list(run.points())) == 2
+    assert run.remarks() == (
+        "only 2 of 3 planned points were taken: run aborted (stopped by the operator)",
+        "points were changed after they were written (SHA-256 differs): 000000.h5",
+    )
+    assert Run.open(source).remarks() == ()

@@ -1,0 +1,35 @@
+"""What `analyze`, `report` and `demo` share: turning a run into results, and results into a report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bench.analysis.results import Analysis
+    from bench.store import Run
+
+__all__ = ["evaluate", "make_report"]
+
+
+def evaluate(run: Run, folder: Path, *, pixel_maps: bool = True) -> tuple[Analysis, Path]:
+    """Analyse `run`, write the tables into `folder`, and return the results and where the tables are.
+
+    What is missing from the run, or was changed in it, stands first among the warnings.
+    """
+    from bench.analysis import analyze
+    from bench.analysis.tables import save
+
+    analysis = analyze(run, pixel_maps=pixel_maps)
+    analysis = replace(analysis, warnings=(*run.remarks(), *analysis.warnings))
+    return analysis, save(analysis, folder)
+
+
+def make_report(run: Run, analysis: Analysis, folder: Path) -> Path:
+    """Write the report of `run` into the folder `report` of `folder`, and return its page."""
+    from bench.models.trace import model_trace
+    from bench.report import write_report
+
+    return write_report(run, analysis, folder / "report", model_trace=model_trace(run, analysis))
