@@ -38,6 +38,8 @@ class _Summary:
     duration_s: float
     nd_od: float
     temperature_c: float
+    refractory_s: float
+    bias: tuple[tuple[str, float], ...]
     n_events: int
     masked: int
     gaps: int
@@ -52,7 +54,10 @@ class Facts:
 
 
 def facts_of(run: RunLike) -> Facts:
-    """Return what the header and the points of `run` say; neither its station nor its protocol is read."""
+    """Return what the header and the points of `run` say.
+
+    Of the station and the protocol only name, seed and settings are shown; nothing is computed from them.
+    """
     points = [_summary(point) for point in run.points()]
     facts = [*_header_facts(run.header), *_stimulus_facts(points), *_recording_facts(points)]
     return Facts(tuple(facts), len(points))
@@ -69,6 +74,8 @@ def _summary(point: PointData) -> _Summary:
         duration_s=point.duration_s,
         nd_od=point.nd_od,
         temperature_c=point.temperature_c,
+        refractory_s=point.refractory_s,
+        bias=tuple(sorted(point.bias.items())),
         n_events=point.n_events,
         masked=len(point.masked),
         gaps=len(point.gaps_s),
@@ -86,7 +93,32 @@ def _header_facts(header: RunHeader) -> list[Fact]:
     facts = [Fact("Sensor", f"{sensor.name}: {', '.join(optics)}"), Fact("Window", window)]
     if header.created:
         facts.append(Fact("Taken", header.created))
-    return facts
+    return [*facts, *_asked(header)]
+
+
+def _asked(header: RunHeader) -> list[Fact]:
+    """Return on which station the run was taken and what the sensor was asked to be, as far as the header says."""
+    station, protocol = header.everything.get("station"), header.everything.get("protocol")
+    facts = []
+    if isinstance(station, dict) and isinstance(station.get("name"), str):
+        seed = header.everything.get("seed")
+        facts.append(Fact("Station", station["name"] + (f", seed {seed}" if isinstance(seed, int) else "")))
+    settings = protocol.get("settings") if isinstance(protocol, dict) else None
+    if isinstance(settings, dict):
+        asked = [f"{name.replace('_', ' ')} {value:g}" for name, value in _flat_numbers(settings)]
+        facts.append(Fact("Asked of the sensor", ", ".join(asked)))
+    return [fact for fact in facts if fact.value]
+
+
+def _flat_numbers(settings: dict[str, Any]) -> list[tuple[str, float]]:
+    """Return the numbers in nested settings, by dotted name with its unit spelled out."""
+    pairs = []
+    for name, value in settings.items():
+        if isinstance(value, dict):
+            pairs += [(f"{name}.{inner}", number) for inner, number in _flat_numbers(value)]
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            pairs.append((str(name), float(value)))
+    return pairs
 
 
 def _stimulus_facts(points: Sequence[_Summary]) -> list[Fact]:
@@ -137,12 +169,26 @@ def _recording_facts(points: Sequence[_Summary]) -> list[Fact]:
     warm = sorted({p.temperature_c for p in points if math.isfinite(p.temperature_c)})
     if warm:
         facts.append(Fact("Sensor temperature", _from_to([warm[0], warm[-1]] if len(warm) > 1 else warm, _celsius)))
+    dead = sorted({p.refractory_s for p in points if math.isfinite(p.refractory_s)})
+    if dead:
+        facts.append(Fact("Dead time", _from_to([dead[0], dead[-1]] if len(dead) > 1 else dead, duration_label)))
+    facts += _bias_facts(points)
     masked, gaps = max(p.masked for p in points), sum(p.gaps for p in points)
     if masked:
         facts.append(Fact("Masked", f"{count(masked, 'pixel')} switched off"))
     if gaps:
         facts.append(Fact("Gaps", f"{count(gaps, 'stretch', 'stretches')} without data"))
     return facts
+
+
+def _bias_facts(points: Sequence[_Summary]) -> list[Fact]:
+    """Return each bias that was read back, with its range over the run."""
+    values: dict[str, set[float]] = {}
+    for point in points:
+        for name, value in point.bias:
+            values.setdefault(name, set()).add(value)
+    told = [f"{name} {_from_to([*sorted({min(v), max(v)})], lambda x: f'{x:g}')}" for name, v in values.items()]
+    return [Fact("Biases, read back", ", ".join(told))] if told else []
 
 
 def _celsius(value: float) -> str:
