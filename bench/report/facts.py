@@ -103,22 +103,24 @@ def _asked(header: RunHeader) -> list[Fact]:
     if isinstance(station, dict) and isinstance(station.get("name"), str):
         seed = header.everything.get("seed")
         facts.append(Fact("Station", station["name"] + (f", seed {seed}" if isinstance(seed, int) else "")))
-    settings = protocol.get("settings") if isinstance(protocol, dict) else None
-    if isinstance(settings, dict):
-        asked = [f"{name.replace('_', ' ')} {value:g}" for name, value in _flat_numbers(settings)]
-        facts.append(Fact("Asked of the sensor", ", ".join(asked)))
-    return [fact for fact in facts if fact.value]
+    for number, measurement in enumerate(protocol.get("measurements", ()) if isinstance(protocol, dict) else ()):
+        settings = measurement.get("settings") if isinstance(measurement, dict) else None
+        asked = ", ".join(_numbers(settings)) if isinstance(settings, dict) else ""
+        if asked and (number == 0 or asked != facts[-1].value):
+            facts.append(Fact("Settings asked", asked))
+    return facts
 
 
-def _flat_numbers(settings: dict[str, Any]) -> list[tuple[str, float]]:
-    """Return the numbers in nested settings, by dotted name with its unit spelled out."""
-    pairs = []
-    for name, value in settings.items():
+def _numbers(settings: dict[str, Any], prefix: str = "") -> list[str]:
+    """Return the numbers in nested settings as words: ``thresholds on 0.3, refractory period s 0.01``."""
+    told = []
+    for key, value in settings.items():
+        name = f"{prefix}{str(key).replace('_', ' ')}"
         if isinstance(value, dict):
-            pairs += [(f"{name}.{inner}", number) for inner, number in _flat_numbers(value)]
+            told += _numbers(value, f"{name} ")
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            pairs.append((str(name), float(value)))
-    return pairs
+            told.append(f"{name} {value:g}")
+    return told
 
 
 def _stimulus_facts(points: Sequence[_Summary]) -> list[Fact]:
