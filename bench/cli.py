@@ -133,7 +133,7 @@ def _report(error: BaseException) -> int:
     if isinstance(error, InputError):
         return _fail(EXIT_INPUT, *[str(problem) for problem in error.problems])
     if isinstance(error, DeviceError):
-        return _fail(EXIT_DEVICE, str(error))
+        return _fail(EXIT_DEVICE, *getattr(error, "lines", (str(error),)))
     if isinstance(error, OSError) and error.errno is not None:
         # The machine said no: no such file, no room, no right. It names what, and why.
         return _fail(EXIT_INPUT, f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror))

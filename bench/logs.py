@@ -17,7 +17,8 @@ __all__ = ["log_into", "record_bug"]
 _FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 _logger: Final = logging.getLogger("evs_bench")
 _logger.addHandler(logging.NullHandler())
-_open_logs: list[Path] = []
+#: Where an error that :func:`log_into` has written says so, among its own attributes.
+_WRITTEN_TO: Final = "evs_bench_log"
 
 
 @contextlib.contextmanager
@@ -27,23 +28,22 @@ def log_into(file: Path) -> Iterator[None]:
     handler.setFormatter(logging.Formatter(_FORMAT))
     _logger.addHandler(handler)
     _logger.setLevel(logging.INFO)
-    _open_logs.append(file)
     try:
         yield
-    except Exception:
+    except Exception as error:
         _logger.exception("ended by an error")
+        vars(error)[_WRITTEN_TO] = file
         raise
-    else:
-        _open_logs.remove(file)
     finally:
         _logger.removeHandler(handler)
         handler.close()
 
 
-def record_bug(error: Exception) -> Path:
-    """Write the traceback of `error` to the log that was open, or to the user's own, and return where it is."""
-    if _open_logs:
-        return _open_logs[-1]  # log_into has written it there already
+def record_bug(error: BaseException) -> Path:
+    """Return the log that has the traceback of `error`; if none has, write it to the user's own."""
+    written = vars(error).get(_WRITTEN_TO)
+    if isinstance(written, Path) and written.exists():
+        return written
     file = _own_log()
     handler = logging.FileHandler(file, encoding="utf-8")
     handler.setFormatter(logging.Formatter(_FORMAT))

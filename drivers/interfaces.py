@@ -2,8 +2,9 @@
 
 Each kind is an abstract class whose public methods check limits and state and then call a private hook, so that a
 real driver and a simulated device validate alike. A constructor only stores its arguments; :meth:`Device.connect`
-talks. After `connect()` the light is off. `safe_state()` can be called at any time, any number of times, and never
-raises. A value out of range raises :class:`~drivers.errors.OutOfRange`; nothing is clipped.
+talks. After `connect()` the light is off, or `connect()` has raised. `safe_state()` can be called at any time, any
+number of times, and never raises; what it could not do stands in `unsafe`. A value out of range raises
+:class:`~drivers.errors.OutOfRange`; nothing is clipped.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from __future__ import annotations
 import logging
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from drivers.errors import OutOfRange, WrongState
+from drivers.errors import DeviceError, OutOfRange, WrongState
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from drivers.events.types import EventChunk
-    from protocols.points import Roi
+    from protocols.points import Ambient, Roi
 
 _log = logging.getLogger("evs_bench.devices")
 
@@ -39,6 +40,7 @@ __all__ = [
     "Recording",
     "RecordingQuality",
     "Waveform",
+    "World",
 ]
 
 
@@ -51,6 +53,10 @@ class Clock(Protocol):
 
     def sleep(self, seconds: float) -> None:
         """Let `seconds` pass."""
+
+
+class World(ABC):  # noqa: B024 - it declares, and asks for nothing
+    """What simulated devices share, for a class to say that a station may make it: it has no methods."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,17 +80,28 @@ class Device(ABC):
     ----------
     name
         What the operator calls it; it stands first in every error message.
+
+    Attributes
+    ----------
+    unsafe
+        Why the last :meth:`safe_state` failed, for the operator; None if it did not.
     """
+
+    #: What the operator is told when :meth:`safe_state` fails: what did not happen, and what to do.
+    unsafe_text: ClassVar[tuple[str, str]] = ("could not be brought to its safe state", "see to it by hand")
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.connected = False
+        self.unsafe: DeviceError | None = None
 
     def connect(self) -> None:
-        """Open the device and bring it to its safe state."""
+        """Open the device and bring it to its safe state; where that fails, let go of it and raise DeviceError."""
+        self.unsafe = None
         self._connect()
         self.connected = True
         self.safe_state()
+        self._require_safe()
 
     def close(self) -> None:
         """Bring the device to its safe state and let go of it; harmless if it is not connected."""
@@ -94,12 +111,26 @@ class Device(ABC):
             self._close()
 
     def safe_state(self) -> None:
-        """Bring the device to its safe state: idempotent, never raises."""
+        """Bring the device to its safe state: idempotent, never raises; a failure stands in `unsafe`."""
         if self.connected:
             try:
                 self._safe_state()
-            except Exception:  # noqa: BLE001 - never raises is the contract; the log has it
-                _log.exception("%s: could not be brought to its safe state", self.name)
+            except Exception as error:  # noqa: BLE001 - never raises is the contract; the log and `unsafe` have it
+                what, advice = self.unsafe_text
+                self.unsafe = DeviceError(self.name, what, str(error) or type(error).__name__, advice)
+                _log.exception("%s", self.unsafe)
+            else:
+                self.unsafe = None
+
+    def _require_safe(self) -> None:
+        """Let go of the device, and raise, if it could not be brought to its safe state."""
+        if self.unsafe is not None:
+            self.connected = False
+            try:
+                self._close()
+            except Exception:  # noqa: BLE001 - that the device is not safe matters more; the log has this
+                _log.exception("%s: could not be closed", self.name)
+            raise self.unsafe
 
     def require_connected(self, asked: str) -> None:
         """Raise :class:`WrongState` unless the device is connected."""
@@ -149,6 +180,7 @@ class LightSource(Device):
     Subclasses set `timing`, `limits`, `edge_time_s` and `settling_s` in their constructor.
     """
 
+    unsafe_text = ("could not be made dark", "switch it off by hand")
     timing: Literal["host", "device"]  #: who times the edges of a waveform
     limits: Limits  #: lowest and highest level that is lit, in the unit of the source; 0 (dark) is always allowed
     edge_time_s: float  #: 10 % to 90 % of a step, s
@@ -218,6 +250,7 @@ class Recording:
     label: str = ""
     duration_s: float | None = None  #: expected length, for buffers and deadlines; None if open
     seed: int = 0  #: for devices that draw random numbers; a real camera has no use for it
+    ambient: Ambient = "open"  #: what surrounds the sensor during the recording; a real camera has no use for it
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 
+from drivers.interfaces import World
 from protocols.errors import InputError
+from protocols.points import Ambient
 from sim_backend.clock import NS_PER_S, VirtualClock
 from sim_backend.pixel.light import LightHistory
 from sim_backend.pixel.model import PixelModel
@@ -22,8 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 __all__ = ["Ambient", "OpticalBench", "TriggerEdge"]
-
-Ambient = Literal["open", "shrouded", "capped"]
 
 _AMBIENTS: Final = get_args(Ambient)
 
@@ -36,7 +36,7 @@ class TriggerEdge:
     rising: bool
 
 
-class OpticalBench:
+class OpticalBench(World):
     """Light x ND filter -> illuminance -> pixels, with a clock and a temperature.
 
     The illuminance on the chip is ``level * lux_per_level * transmission + ambient``, with the source's rise time.
@@ -55,7 +55,7 @@ class OpticalBench:
     ambient_lux
         Light of the room on the chip, past source and filter, lux. It acts only while `ambient` is "open".
     ambient
-        "open", "shrouded" (no light of the room) or "capped" (no light at all).
+        "open", "shrouded" (no light of the room) or "capped" (no light at all), until a recording says otherwise.
     nd_error_od
         For filters by name: what their optical density is above the nominal one.
 
@@ -124,10 +124,11 @@ class OpticalBench:
         self._remember()
 
     def set_ambient(self, ambient: Ambient) -> None:
-        """Open, shroud or cap the bench now."""
+        """Open, shroud or cap the bench now, before a recording: the light has settled, the past is forgotten."""
         _require(ambient in _AMBIENTS, "ambient", ambient, " or ".join(_AMBIENTS))
-        self._ambient = ambient
-        self._remember()
+        if ambient != self._ambient:
+            self._ambient = ambient
+            self._steps = [(self.clock.now_ns, self.lux())]
 
     def emit_trigger(self, *, rising: bool) -> None:
         """Send an edge to the camera's trigger input now."""

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 __all__ = [
+    "LOG_NAME",
+    "SEED",
     "interactive",
     "json_option",
     "print_json",
@@ -25,6 +27,7 @@ __all__ = [
 ]
 
 LOG_NAME = "evs-bench.log"
+SEED = click.IntRange(0, 2**63 - 1)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table.")
 station_option = click.option(

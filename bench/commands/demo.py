@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from bench.commands.common import json_option, print_json, print_table, say
+from bench.commands.common import SEED, json_option, print_json, print_table, say
 
 if TYPE_CHECKING:
     from bench.analysis.results import Analysis, Estimate, SCurve
@@ -23,7 +23,7 @@ _STATION: Final = "simulated"
 
 
 @click.command(name="demo")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other events.")
+@click.option("--seed", type=SEED, default=1, show_default=True, help="Another seed, other events.")
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to make; default is runs/ID.")
 @json_option
 def command(seed: int, out: Path | None, as_json: bool) -> int:

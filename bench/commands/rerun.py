@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from bench.commands.common import json_option
+from bench.commands.running import OperatorSteps, operator_option, print_result, take_again
 
 __all__ = ["command"]
 
@@ -14,13 +15,12 @@ __all__ = ["command"]
 @click.command(name="rerun")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to make; default is runs/ID.")
+@operator_option
 @json_option
-def command(run: Path, out: Path | None, as_json: bool) -> int:
+def command(run: Path, out: Path | None, operator_steps: OperatorSteps, as_json: bool) -> int:
     """Take RUN again, from the protocol, station and seed that are written in it.
 
     On a simulated station the events are the same, one by one.
     """
-    from bench.commands.running import print_result, take_again
-
-    result = take_again(run, out)
+    result = take_again(run, out, operator_steps)
     return print_result(result, as_json)

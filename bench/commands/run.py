@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import json_option, station_option
+from bench.commands.common import SEED, json_option, station_option
+from bench.commands.running import OperatorSteps, operator_option, print_result, take
 
 __all__ = ["command"]
 
@@ -15,15 +16,16 @@ __all__ = ["command"]
 @click.argument("protocol")
 @station_option
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to make; default is runs/ID.")
-@click.option("--seed", type=click.IntRange(min=0), help="Seed of a simulated run, instead of the protocol's.")
+@click.option("--seed", type=SEED, help="Seed of a simulated run, instead of all in the protocol.")
+@operator_option
 @json_option
-def command(protocol: str, station: str, out: Path | None, seed: int | None, as_json: bool) -> int:
+def command(
+    protocol: str, station: str, out: Path | None, seed: int | None, operator_steps: OperatorSteps, as_json: bool
+) -> int:
     """Run PROTOCOL, the name of a shipped protocol or a file, and leave a run folder.
 
     Ctrl-C stops after the point that is being taken; a second Ctrl-C stops at once. Either way the light ends dark,
     and every point that was finished is kept.
     """
-    from bench.commands.running import print_result, take
-
-    result = take(protocol, station, out, seed)
+    result = take(protocol, station, out, seed, operator_steps)
     return print_result(result, as_json)

@@ -3,52 +3,81 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from bench.commands.common import interactive, print_json, say
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from bench.run import RunResult
 
-__all__ = ["ask_operator", "print_result", "take", "take_again"]
+__all__ = ["OperatorSteps", "ask_operator", "operator_option", "print_result", "take", "take_again"]
+
+OperatorSteps = Literal["ask", "assume"]
+
+operator_option = click.option(
+    "--operator-steps",
+    type=click.Choice(["ask", "assume"]),
+    default="ask",
+    show_default=True,
+    help="Wait at the terminal for what a person has to do, or take it as done.",
+)
 
 
-def take(protocol: str, station: str, out: Path | None, seed: int | None) -> RunResult:
+def take(protocol: str, station: str, out: Path | None, seed: int | None, steps: OperatorSteps = "ask") -> RunResult:
     """Run `protocol` on `station` with progress on stderr."""
-    from bench.run import run_protocol
+    from bench.run import check, run_protocol
     from bench.run.progress import progress_for
     from bench.station import load_station
     from protocols import load_protocol
 
+    loaded, bench = load_protocol(protocol), load_station(station)
+    for finding in check(loaded.protocol, bench).findings:
+        if finding.severity == "warning":
+            say(str(finding))
     return run_protocol(
-        load_protocol(protocol),
-        load_station(station),
+        loaded,
+        bench,
         out,
         seed=seed,
         progress=progress_for(sys.stderr),
-        operator=ask_operator,
+        operator=_operator(steps),
     )
 
 
-def take_again(run: Path, out: Path | None) -> RunResult:
+def take_again(run: Path, out: Path | None, steps: OperatorSteps = "ask") -> RunResult:
     """Run again what is written in the run folder `run`."""
     from bench.run import rerun
     from bench.run.progress import progress_for
 
-    return rerun(run, out, progress=progress_for(sys.stderr), operator=ask_operator)
+    return rerun(run, out, progress=progress_for(sys.stderr), operator=_operator(steps))
 
 
 def ask_operator(step: str) -> None:
-    """Ask the operator to do `step`, and wait; without a terminal it is noted and taken as done."""
-    if interactive():
-        question = f"{step}; press Enter when it is done"
+    """Ask the operator to do `step`, and wait; Ctrl-C and the end of the input stop the run."""
+    question = f"{step}; press Enter when it is done, Ctrl-C to stop"
+    try:
         click.prompt(question, default="", show_default=False, prompt_suffix=" ", err=True)
-    else:
-        say(f"operator step, taken as done because nobody sits at a terminal: {step}")
+    except click.Abort:
+        raise KeyboardInterrupt from None
+
+
+def _operator(steps: OperatorSteps) -> Callable[[str], None] | None:
+    """Return who sees to the steps of a person; None if nobody can: then a run that has some is refused."""
+    if steps == "assume":
+        return _assume
+    return ask_operator if interactive() else None
+
+
+def _assume(step: str) -> None:
+    from bench.run import assume_done
+
+    say(f"operator step, taken as done: {step}")
+    assume_done(step)
 
 
 def print_result(result: RunResult, as_json: bool) -> int:

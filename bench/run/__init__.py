@@ -5,7 +5,7 @@ from __future__ import annotations
 from bench.run.check import CheckReport, Finding, check
 from bench.run.progress import Progress
 from bench.run.protocol_run import rerun, run_protocol
-from bench.run.runner import RunResult, Task, take_run
+from bench.run.runner import RunResult, Task, assume_done, take_run
 from bench.run.stop import StopFlag
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "RunResult",
     "StopFlag",
     "Task",
+    "assume_done",
     "check",
     "rerun",
     "run_protocol",

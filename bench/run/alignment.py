@@ -19,6 +19,8 @@ _US: Final = 1e-6
 _TOLERANCE: Final = 0.25
 #: ...and never if it is farther than this, s.
 _FARTHEST_S: Final = 0.01
+#: Fewer edges with a trigger than this, or than half of them, are no alignment: a stray trigger fits any one edge.
+_FEWEST: Final = 2
 #: One of so many first edges must have its trigger, for the others to be found.
 _EDGES_TRIED: Final = 8
 
@@ -31,7 +33,7 @@ class Alignment:
     trigger: npt.NDArray[np.int64]  #: (m,) trigger of each edge; -1 for the first entry and where it was lost
     offset_s: float  #: camera time of the stimulus' own time 0
     rate_ppm: float  #: by how much the camera's clock runs faster than that of the stimulus
-    residual_s: float  #: rms of the triggers around edges, offset and rate; NaN with a single trigger
+    residual_s: float  #: rms of the triggers around edges, offset and rate
     lost: int  #: edges without a trigger
     extra: int  #: triggers, of those that were tried, without an edge
 
@@ -49,7 +51,7 @@ def align_to_triggers(
     trigger_t_us: npt.NDArray[np.int64],
     trigger_p: npt.NDArray[np.uint8],
 ) -> Alignment | None:
-    """Return the edges where the triggers saw them; None if no trigger fits.
+    """Return the edges where the triggers saw them; None unless at least half of them, and two, have a trigger.
 
     A bench may send one trigger edge for each light edge, or a pulse whose rising or falling edge counts. All edges,
     the rising and the falling ones are tried; the choice that leaves the fewest edges and triggers alone is taken.
@@ -67,8 +69,10 @@ def align_to_triggers(
     choices = (every, every[trigger_p == 1], every[trigger_p == 0])
     seconds = np.asarray(trigger_t_us / 1e6, np.float64)  # a quotient, so that 100000 us are 0.1 s
     fits = [_fit(edges_s, seconds, chosen) for chosen in choices if len(chosen)]
-    best = min(fits, key=lambda fit: fit.lost + fit.extra)  # the first of equals: a pulse begins with its edge
-    return best if best.lost < len(edges_s) - 1 else None
+    needed = max(_FEWEST, (len(edges_s) - 1) / 2)
+    sound = [fit for fit in fits if len(edges_s) - 1 - fit.lost >= needed]
+    # The first of equals: a pulse begins with its edge.
+    return min(sound, key=lambda fit: fit.lost + fit.extra, default=None)
 
 
 def _fit(
@@ -134,7 +138,7 @@ def _alignment(
         trigger=trigger,
         offset_s=offset,
         rate_ppm=1e6 * rate,
-        residual_s=float(np.sqrt(np.mean(np.square(residual)))) if len(known) > 1 else float("nan"),
+        residual_s=float(np.sqrt(np.mean(np.square(residual)))) if len(known) else float("nan"),
         lost=int((~found).sum()),
         extra=len(chosen) - len(known),
     )
@@ -154,9 +158,16 @@ def moved_windows(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return the response windows (start, stop; s) of `stimulus` after its edges moved to `t_s`.
 
-    Each window moves with the edge at which it begins, and keeps its length.
+    Each window moves with the first edge that it contains, without one with the edge before it, and before the first
+    edge with that; it keeps its length. The first entry of `t_s`, the level at the beginning, is no edge.
     """
-    # A window starts on an edge; half a microsecond forgives the last digits of a sum.
-    edge = np.searchsorted(stimulus.t_s, stimulus.pulse_start_s + 0.5 * _US, side="right") - 1
-    shift = t_s[edge] - stimulus.t_s[edge]
+    if len(t_s) < 2:
+        return stimulus.pulse_start_s.copy(), stimulus.pulse_stop_s.copy()
+    known, moved = stimulus.t_s[1:], t_s[1:]
+    # A window may start on an edge; half a microsecond forgives the last digits of a sum.
+    after = np.searchsorted(known, stimulus.pulse_start_s - 0.5 * _US, side="left").clip(max=len(known) - 1)
+    contains = known[after] < stimulus.pulse_stop_s - 0.5 * _US
+    before = np.searchsorted(known, stimulus.pulse_start_s + 0.5 * _US, side="right") - 1
+    edge = np.where(contains, after, before.clip(min=0))
+    shift = moved[edge] - known[edge]
     return stimulus.pulse_start_s + shift, stimulus.pulse_stop_s + shift

@@ -59,9 +59,10 @@ class CheckReport:
     def lines(self) -> list[str]:
         """Return the report for people, a line for each thing."""
         e = self.estimate
-        steps = f", {e.operator_steps} operator steps" if e.operator_steps else ""
+        steps = f", {_count(e.operator_steps, 'operator step')}" if e.operator_steps else ""
+        points, changes = _count(e.points, "point"), _count(e.nd_changes, "change")
         return [
-            f"{self.title}: {e.points} points on station {self.station}, {e.nd_changes} changes of the filter{steps}",
+            f"{self.title}: {points} on station {self.station}, {changes} of the filter{steps}",
             f"time: {duration_text(e.duration_s)} ({duration_text(e.settling_s)} of it to settle), "
             f"until {self.end:%Y-%m-%d %H:%M}; size: at most about {_size_text(e.bytes)}",
             *(str(f) for f in self.findings),
@@ -145,6 +146,10 @@ def _gathered(seen: Sequence[Observation], measurement: dict[int, str]) -> list[
         )
         for (name, kind), group in groups.items()
     ]
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _verdict(findings: Sequence[Finding]) -> str:

@@ -79,7 +79,14 @@ def _square_shows_the_other(point: Point, expected: Expected) -> Iterator[Observ
     if expected.theta_on is None or expected.theta_off is None:
         return
     (smaller, hidden), (larger, shown) = sorted([(expected.theta_on, "on"), (expected.theta_off, "off")])
-    if smaller > larger * (1.0 - EQUAL_THRESHOLDS) or point.polarity == shown:
+    if smaller > larger * (1.0 - EQUAL_THRESHOLDS):
+        yield Observation(
+            "square_cannot_tell_thresholds",
+            point.index,
+            f"a square wave cannot tell thresholds that are equal ({smaller:.3f} and {larger:.3f} ln): each pixel "
+            "shows the larger of its two in both curves; use reset_test for each",
+            1.0,
+        )
         return
     yield Observation(
         "square_shows_other_threshold",

@@ -41,13 +41,18 @@ def run_protocol(
     out
         The run folder to make; default is ``runs/ID``. It must not exist.
     seed
-        Seed of a simulated run, in place of the protocol's.
+        Seed of a simulated run, in place of all seeds of the protocol, also those of single measurements.
     progress, stop, operator
         See :func:`~bench.run.runner.take_run`, also for what is raised.
     """
-    protocol = loaded.protocol if seed is None else loaded.protocol.model_copy(update={"seed": seed})
+    protocol = loaded.protocol if seed is None else _reseeded(loaded.protocol, seed)
     task = _task(protocol, Path(loaded.source).stem, loaded.text)
     return take_run(task, station, out, progress=progress, stop=stop, operator=operator)
+
+
+def _reseeded(protocol: Protocol, seed: int) -> Protocol:
+    measurements = tuple(m.model_copy(update={"seed": None}) for m in protocol.measurements)
+    return protocol.model_copy(update={"seed": seed, "measurements": measurements})
 
 
 def _task(protocol: Protocol, name: str, text: str) -> Task:

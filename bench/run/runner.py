@@ -16,8 +16,10 @@ from bench.run.progress import NoProgress, Stopwatch
 from bench.run.recorder import Recorder
 from bench.run.software import software_versions
 from bench.run.stop import StopFlag
+from bench.station.station import DevicesFailed
 from bench.store.errors import RunError
 from bench.store.writer import RunWriter
+from protocols.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from bench.station import Station
     from protocols.points import Point, Roi
 
-__all__ = ["LOG_FILE", "RunResult", "Task", "new_run_id", "take_run"]
+__all__ = ["LOG_FILE", "RunResult", "Task", "assume_done", "new_run_id", "take_run"]
 
 _log = logging.getLogger("evs_bench.run")
 LOG_FILE: Final = "evs-bench.log"
@@ -57,8 +59,9 @@ class RunResult:
 
 
 def new_run_id(name: str, now: datetime | None = None) -> str:
-    """Return a sortable id: the time in UTC and the name in small letters, ``2026-11-20T21-03-11Z-on-family``."""
-    at = (now or datetime.now(UTC)).strftime("%Y-%m-%dT%H-%M-%SZ")
+    """Return a sortable id: the time in UTC and the name in small letters, ``2026-11-20T21-03-11.042Z-on-family``."""
+    moment = now or datetime.now(UTC)
+    at = f"{moment:%Y-%m-%dT%H-%M-%S}.{moment.microsecond // 1000:03d}Z"
     slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
     return f"{at}-{slug}" if slug else at
 
@@ -85,43 +88,58 @@ def take_run(
     stop
         The operator's wish to stop; it is looked at after each point. Ctrl-C is listened to meanwhile.
     operator
-        Called with each step that a person has to do; returns when it is done. By default the step is noted in the
-        log and taken as done.
+        Called with each step that a person has to do; returns when it is done. Ctrl-C in it stops the run at once.
+        :func:`assume_done` takes every step as done; without one, points with such a step are refused.
 
     Raises
     ------
     InputError
-        If points cannot be taken on this station (all reasons at once; nothing was switched on), or `out` cannot be
-        written.
+        If points cannot be taken on this station (all reasons at once; nothing was switched on), a step needs an
+        operator and there is none, or `out` cannot be written.
     DeviceError
-        If a device fails: the point is noted as failed, the run as aborted.
+        If a device fails: the point is noted as failed, the run as aborted. Also if a device could not be brought to
+        its safe state at the end (:class:`~bench.station.DevicesFailed`), whatever else went wrong.
     KeyboardInterrupt
         If the operator wants to stop at once.
     """
     planned = plan_or_raise(task.points, station)
+    _require_operator(task.points, operator)
     run_id = new_run_id(task.name)
-    folder = out if out is not None else _free_name(Path("runs") / run_id)
+    if out is None:
+        run_id = _free_name(Path("runs") / run_id).name
+    folder = out or Path("runs") / run_id
     if folder.exists():
         raise RunError(f"{folder}: exists already, and a run never overwrites; choose another name")
     progress = progress or NoProgress()
     stop = stop or StopFlag(progress.message)
     roi = planned[0].point.roi
-    with contextlib.closing(progress), stop.listening(), _connected(station):
+    with contextlib.closing(progress), stop.listening(), contextlib.ExitStack() as until_closed, _connected(station):
         header = _header(task, station, run_id, roi)
-        with RunWriter(folder, header) as writer, log_into(folder / LOG_FILE):
+        with RunWriter(folder, header) as writer:
+            until_closed.enter_context(log_into(folder / LOG_FILE))  # it sees the station being closed
             _log.info("run %s on station %s", run_id, station.name)
-            done = _Run(writer, Recorder(station, roi), progress, stop, operator or _noted).take_all(planned)
+            done = _Run(writer, Recorder(station, roi), progress, stop, operator or assume_done).take_all(planned)
     return RunResult(folder, run_id, done, len(planned), stopped=done < len(planned))
 
 
 @contextlib.contextmanager
 def _connected(station: Station) -> Iterator[None]:
-    """Connect `station`, and close it on every way out; it sees to the exit of the interpreter itself."""
+    """Connect `station`, and close it on every way out; it sees to the exit of the interpreter itself.
+
+    A device that could not be brought to its safe state is an error, beside the one that is on its way.
+    """
+    error: BaseException | None = None
     try:
         station.connect()
         yield
+    except BaseException as caught:
+        error = caught
+        raise
     finally:
         station.close()
+        if station.unsafe:
+            first = () if error is None or isinstance(error, KeyboardInterrupt) else (error,)
+            raise DevicesFailed(station.name, (*first, *station.unsafe)) from error
 
 
 class _Run:
@@ -170,17 +188,23 @@ class _Run:
     def _take(self, item: PlannedPoint) -> None:
         """Take one point; whatever happens, the journal has it."""
         index = item.point.index
+        if item.point.operator_before is not None:
+            self._ask_operator(item.point.operator_before)
         self._writer.note("started", index)
         try:
-            if item.point.operator_before is not None:
-                self._operator(item.point.operator_before)
             self._recorder.prepare(item)
             with self._writer.point(index) as file:
                 self._writer.finish(file, self._recorder.take(item, file))
         except BaseException as error:
-            _log.exception("point %d failed", index)
-            self._note_if_possible("failed", index, reason=_reason(error))
+            if not self._writer.is_done(index):  # else it ended well, and what ends the run came after it
+                _log.exception("point %d failed", index)
+                self._note_if_possible("failed", index, reason=_reason(error))
             raise
+
+    def _ask_operator(self, step: str) -> None:
+        _log.info("operator step: %s", step)
+        with self._stop.idle():
+            self._operator(step)
 
     def _note_if_possible(self, state: str, point: int | None = None, *, reason: str) -> None:
         """Write a journal line about an error; the error itself matters more than a disk that takes no line."""
@@ -188,8 +212,18 @@ class _Run:
             self._writer.note(state, point, reason=reason)
 
 
-def _noted(step: str) -> None:
+def assume_done(step: str) -> None:
+    """Take a step that a person has to do as done, and say so in the log."""
     _log.info("operator step taken as done: %s", step)
+
+
+def _require_operator(points: Sequence[Point], operator: Callable[[str], None] | None) -> None:
+    steps = [point for point in points if point.operator_before is not None]
+    if steps and operator is None:
+        raise InputError(
+            f"{steps[0].measurement}: somebody has to do this first: {steps[0].operator_before!r}; run it at a "
+            "terminal, or with --operator-steps assume if it needs no doing"
+        )
 
 
 def _reason(error: BaseException) -> str:
@@ -209,7 +243,7 @@ def _description(point: Point) -> str:
 
 
 def _free_name(folder: Path) -> Path:
-    """Return `folder`, with a number behind it if another run began in the same second."""
+    """Return `folder`, with a number behind it if another run began in the same moment."""
     number, name = 1, folder
     while name.exists():
         number += 1

@@ -10,7 +10,7 @@ from bench.station.drivers import DriverNotFound, argument_problems, find_driver
 from bench.station.station import Station
 from bench.store.data import Sensor
 from drivers.errors import DeviceError
-from drivers.interfaces import EventCamera, FilterWheel, LightSource
+from drivers.interfaces import EventCamera, FilterWheel, LightSource, World
 from protocols.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -23,7 +23,9 @@ __all__ = ["assemble"]
 
 _Path = tuple[str, ...]
 
-_KINDS: Final[dict[str, type[Any]]] = {"light": LightSource, "wheel": FilterWheel, "camera": EventCamera}
+_DEVICES: Final[dict[str, type[Any]]] = {"light": LightSource, "wheel": FilterWheel, "camera": EventCamera}
+#: What a class must declare itself to be before it is called: a file that names another one runs nothing.
+_KINDS: Final[dict[str, type[Any]]] = {"world": World, **_DEVICES}
 _CLOCK_METHODS: Final = ("now", "sleep")
 
 
@@ -94,7 +96,7 @@ class _Assembly:
         parts: list[tuple[_Path, str, dict[str, Any]]] = []
         if self._file.world is not None:
             parts.append((("world",), self._file.world.class_path, self._file.world.args))
-        for role in ("clock", *_KINDS):
+        for role in ("clock", *_DEVICES):
             section = getattr(self._file.roles, role)
             parts.append((("roles", role), section.driver, section.args))
         return parts

@@ -3,40 +3,61 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import logging
 from typing import TYPE_CHECKING, Any, Self
 
 from drivers.errors import ConnectionFailed, DeviceError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from types import TracebackType
 
     from bench.station.calibration import Calibration
     from bench.store.data import Sensor
     from drivers.interfaces import Clock, Device, EventCamera, FilterWheel, LightSource
 
-__all__ = ["DevicesFailed", "Station"]
+__all__ = ["DevicesFailed", "Station", "naming"]
 
 _log = logging.getLogger("evs_bench.station")
 
 
 class DevicesFailed(ConnectionFailed):
-    """Devices of a station that could not be connected, one line each.
+    """Devices of a station that could not be connected, or be brought to their safe state, one line each.
 
     Parameters
     ----------
     station
         Name of the station.
     failures
-        What each of them said.
+        What went wrong with each of them.
+
+    Attributes
+    ----------
+    lines
+        The failures as text, each once.
     """
 
-    def __init__(self, station: str, failures: list[DeviceError]) -> None:
+    def __init__(self, station: str, failures: Sequence[BaseException]) -> None:
         self.failures = tuple(failures)
-        lines = [" ".join(str(failure).split()) for failure in failures]
-        super().__init__(station, "connect", "\n".join(lines))
-        self.args = ("\n".join(lines),)
+        self.lines = tuple(dict.fromkeys(line for failure in failures for line in _lines(failure)))
+        super().__init__(station, "connect", "\n".join(self.lines))
+        self.args = ("\n".join(self.lines),)
+
+
+def _lines(error: BaseException) -> tuple[str, ...]:
+    if isinstance(error, DevicesFailed):
+        return error.lines
+    return (" ".join(str(error).split()) or type(error).__name__,)
+
+
+@contextlib.contextmanager
+def naming(device: Device, asked: str) -> Iterator[None]:
+    """Turn an OSError or ValueError of a driver into a DeviceError that says which device, and what it was asked."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        raise DeviceError(device.name, asked, str(error) or type(error).__name__) from error
 
 
 class Station:
@@ -94,20 +115,26 @@ class Station:
         try:
             for device in self.devices.values():
                 try:
-                    device.connect()
+                    with naming(device, "connect"):
+                        device.connect()
                 except DeviceError as error:
                     failures.append(error)
             if failures:
                 raise DevicesFailed(self.name, failures)
-            self._identities = {role: device.identity() for role, device in self.devices.items()}
+            self._identities = {role: _identity(device) for role, device in self.devices.items()}
         except BaseException:
             self.close()
             raise
 
     def safe_state(self) -> None:
-        """Bring all devices to their safe state: idempotent, never raises."""
+        """Bring all devices to their safe state: idempotent, never raises; see :attr:`unsafe`."""
         for device in self.devices.values():
             device.safe_state()
+
+    @property
+    def unsafe(self) -> tuple[DeviceError, ...]:
+        """What the operator must know of devices that could not be brought to their safe state."""
+        return tuple(device.unsafe for device in self.devices.values() if device.unsafe is not None)
 
     def close(self) -> None:
         """Bring all devices to their safe state, then close them, the last first; never raises."""
@@ -134,3 +161,8 @@ class Station:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _identity(device: Device) -> dict[str, str]:
+    with naming(device, "identify itself"):
+        return device.identity()

@@ -10,6 +10,7 @@ import numpy as np
 from bench.store import layout
 from bench.store.durable import sync_file, sync_folder
 from bench.store.errors import RunError
+from bench.store.signals import signals_later
 from bench.store.sink import Sink
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class PointWriter:
     """Takes the events of one recording as they come, and at its end the rest.
 
     The file appears under its name in :meth:`finish` or not at all. Use it as a context manager: what was not
-    finished is removed at its end.
+    finished is removed at its end. Ctrl-C and the like that come while HDF5 is at work are delivered right after.
 
     Parameters
     ----------
@@ -55,15 +56,16 @@ class PointWriter:
         self.n_triggers = 0
         self._held: list[npt.NDArray[np.void]] = []
         self._held_events = 0
+        self._file: Any = None
         try:
             self._sink = Sink(self.part)
         except OSError as error:
             raise cannot_write(path, error) from error
-        self._file = h5py.File(self._sink, "w")
         try:
             with self._writing():
+                self._file = h5py.File(self._sink, "w")
                 self._columns = {d.path: self._growing(d) for d in (*layout.EVENT_DATASETS, *_TRIGGERS)}
-        except RunError:
+        except BaseException:  # an interrupt too
             self.abandon()
             raise
 
@@ -100,20 +102,23 @@ class PointWriter:
             sync_folder(self.path.parent)
 
     def abandon(self) -> None:
-        """Close and remove the temporary file, if it is there; never raises."""
-        self._file.close()
-        self._sink.close()
-        with contextlib.suppress(OSError):
-            self.part.unlink(missing_ok=True)
+        """Close and remove the temporary file, if it is there; raises nothing of its own."""
+        with signals_later():
+            if self._file is not None:
+                self._file.close()
+            self._sink.close()
+            with contextlib.suppress(OSError):
+                self.part.unlink(missing_ok=True)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn what the file system raises, or has raised behind HDF5's back, into one line."""
-        try:
-            yield
-            self._sink.check()
-        except OSError as error:
-            raise cannot_write(self.path, error) from error
+        """Turn what the file system raises, or has raised behind HDF5's back, into one line; hold signals back."""
+        with signals_later():
+            try:
+                yield
+                self._sink.check()
+            except OSError as error:
+                raise cannot_write(self.path, error) from error
 
     def _growing(self, spec: Dataset) -> Any:
         data = self._file.create_dataset(
@@ -190,6 +195,8 @@ class PointWriter:
             self._file.create_group("quality").attrs.update(record.quality)
         if record.gaps_s:
             self._put(layout.GAPS, record.gaps_s)
+        if record.masked is not None:
+            self._put(layout.MASKED, record.masked)
 
 
 _TRIGGERS: Final = (layout.TRIGGER_T, layout.TRIGGER_P)

@@ -1,7 +1,8 @@
 """A file that HDF5 can write to without ever being told that the disk is full.
 
-HDF5 cannot close a file whose writes fail, and takes the whole process down with it. This file keeps the first error
-to itself, drops what comes after, and so lets HDF5 close in peace; the writer asks it after each step.
+HDF5 cannot close a file whose writes fail, and no exception of any kind may pass through its C code: it takes the
+whole process down. This file keeps the first error to itself, drops what comes after, and so lets HDF5 close in
+peace; the writer asks it after each step.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ class Sink(io.RawIOBase):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self._file = path.open("w+b", buffering=0)
-        self._error: OSError | None = None
+        self._error: BaseException | None = None
 
     def check(self) -> None:
-        """Raise the first error that a write met."""
+        """Raise the first error that any call met."""
         if self._error is not None:
             raise self._error
 
@@ -35,7 +36,7 @@ class Sink(io.RawIOBase):
         try:
             while rest and self._error is None:
                 rest = rest[self._file.write(rest) :]
-        except OSError as error:
+        except BaseException as error:  # noqa: BLE001 - see above; check() raises it
             self._error = error
         return len(view)
 
@@ -44,26 +45,38 @@ class Sink(io.RawIOBase):
         try:
             if self._error is None:
                 return self._file.truncate(size)
-        except OSError as error:
+        except BaseException as error:  # noqa: BLE001 - see above; check() raises it
             self._error = error
         return size or 0
 
     def readinto(self, buffer: object) -> int:
         """Read into `buffer`; what an error kept from the file reads as zeros."""
         view = memoryview(buffer).cast("B")  # type: ignore[arg-type]
-        read = self._file.readinto(view) or 0
+        read = 0
+        try:
+            read = self._file.readinto(view) or 0
+        except BaseException as error:  # noqa: BLE001 - see above; check() raises it
+            self._error = self._error or error
         if self._error is not None and read < len(view):
             view[read:] = bytes(len(view) - read)
             return len(view)
         return read
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """Go to a position."""
-        return self._file.seek(offset, whence)
+        """Go to a position; after an error, only pretend to."""
+        try:
+            return self._file.seek(offset, whence)
+        except BaseException as error:  # noqa: BLE001 - see above; check() raises it
+            self._error = self._error or error
+        return offset
 
     def tell(self) -> int:
-        """Return the position."""
-        return self._file.tell()
+        """Return the position; 0 if the file does not tell."""
+        try:
+            return self._file.tell()
+        except BaseException as error:  # noqa: BLE001 - see above; check() raises it
+            self._error = self._error or error
+        return 0
 
     def readable(self) -> bool:
         """Return True."""
@@ -82,6 +95,6 @@ class Sink(io.RawIOBase):
         if not self.closed:
             try:
                 self._file.close()
-            except OSError as error:
+            except BaseException as error:  # noqa: BLE001 - see above; check() raises it
                 self._error = self._error or error
             super().close()

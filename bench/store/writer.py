@@ -15,6 +15,7 @@ from bench.store.header import use_plain_values
 from bench.store.journal import POINT_STATES, RUN_STATES
 from bench.store.point_writer import PointWriter, cannot_write
 from bench.store.run import sha256_of
+from bench.store.signals import signals_later
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,6 +49,7 @@ class RunWriter:
 
     def __init__(self, folder: Path, header: dict[str, Any]) -> None:
         self.folder = folder
+        self._done: set[int] = set()
         self._make_folder()
         try:
             write_whole(folder / layout.RUN_FILE, _yaml({"format": layout.RUN_FORMAT, **header}), layout.PART_SUFFIX)
@@ -103,15 +105,24 @@ class RunWriter:
         return PointWriter(self.folder / layout.POINTS_FOLDER / f"{index:06d}.h5")
 
     def finish(self, writer: PointWriter, record: PointRecord) -> Path:
-        """Complete the point file, write its ``done`` line, and return its path."""
-        writer.finish(record)
-        try:
-            digest = sha256_of(writer.path)
-        except OSError as error:
-            raise cannot_write(writer.path, error) from error
-        file = writer.path.relative_to(self.folder).as_posix()
-        self.note("done", record.index, file=file, sha256=digest)
+        """Complete the point file, write its ``done`` line, and return its path.
+
+        Ctrl-C and the like are delivered after that: there is no file without its line.
+        """
+        with signals_later():
+            writer.finish(record)
+            try:
+                digest = sha256_of(writer.path)
+            except OSError as error:
+                raise cannot_write(writer.path, error) from error
+            file = writer.path.relative_to(self.folder).as_posix()
+            self.note("done", record.index, file=file, sha256=digest)
+            self._done.add(record.index)
         return writer.path
+
+    def is_done(self, index: int) -> bool:
+        """Return whether the point `index` has its ``done`` line."""
+        return index in self._done
 
     def _make_folder(self) -> None:
         if self.folder.exists():

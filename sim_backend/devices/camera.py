@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
 import numpy as np
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from drivers.interfaces import Recording
+    from protocols.points import Ambient
     from sim_backend.pixel.light import LightHistory
     from sim_backend.pixel.model import PixelModel
     from sim_backend.world import OpticalBench, TriggerEdge
@@ -72,6 +73,7 @@ class _Take:
     light: LightHistory
     triggers: npt.NDArray[np.void]  #: (n,) of TRIGGER_DTYPE
     duration_s: float
+    ambient: Ambient
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,7 @@ class _Started:
 
     start_ns: int
     seed: int
+    ambient: Ambient
 
 
 class SimulatedCamera(EventCamera):
@@ -102,6 +105,8 @@ class SimulatedCamera(EventCamera):
         Size of the sensor, pixels.
     dt_s
         Sample of the simulation, s.
+    step
+        Low-pass of the pixel over a sample: "exact", or "euler" as in the published simulation.
     name
         What the operator calls it.
     """
@@ -114,6 +119,7 @@ class SimulatedCamera(EventCamera):
         width: int = 1280,
         height: int = 720,
         dt_s: float = 1e-5,
+        step: Literal["exact", "euler"] = "exact",
         name: str = "camera",
     ) -> None:
         super().__init__(name)
@@ -121,9 +127,12 @@ class SimulatedCamera(EventCamera):
             raise InputError(f"{name}: the sensor is {width} x {height} pixels; expected 1 or more each")
         if not 0.0 < dt_s <= 1e-3:
             raise InputError(f"{name}: dt_s is {dt_s}; expected more than 0 and at most 1e-3 s")
+        if step not in ("exact", "euler"):
+            raise InputError(f"{name}: step is {step!r}; expected exact or euler")
         self._world = world
         self._behaviour = bias_behaviour
         self._dt_s = dt_s
+        self._step: Literal["exact", "euler"] = step
         self.width = width
         self.height = height
         self.bias_limits = _limits(bias_behaviour)
@@ -158,9 +167,10 @@ class SimulatedCamera(EventCamera):
         self.require_connected("start a recording")
         self._require_idle("start a recording")
         now_ns = self._world.clock.now_ns
+        self._world.set_ambient(recording.ambient)
         self._world.forget_before(now_ns)
         self._take = None
-        self._running = _Started(now_ns, recording.seed)
+        self._running = _Started(now_ns, recording.seed, recording.ambient)
 
     def stop(self) -> None:
         """Stop the recording; what was recorded can still be read."""
@@ -176,6 +186,7 @@ class SimulatedCamera(EventCamera):
             light=self._world.light(begin_ns),
             triggers=_triggers(self._world.triggers(begin_ns, end_ns), begin_ns),
             duration_s=(end_ns - begin_ns) / NS_PER_S,
+            ambient=self._running.ambient,
         )
         self._running = None
 
@@ -185,7 +196,7 @@ class SimulatedCamera(EventCamera):
         self._require_idle("read the recording")
         if self._take is None:
             raise WrongState(self.name, "read the recording", "nothing was recorded", "call start() and stop() first")
-        return _chunks(self._take, self._dt_s)
+        return _chunks(self._take, self._dt_s, self._step)
 
     def quality(self) -> RecordingQuality:
         """Return what is known about the completeness of the last recording: nothing is ever lost."""
@@ -243,14 +254,16 @@ def _triggers(edges: list[TriggerEdge], begin_ns: int) -> npt.NDArray[np.void]:
     return found
 
 
-def _chunks(take: _Take, dt_s: float) -> Iterator[EventChunk]:
+def _chunks(take: _Take, dt_s: float, step: Literal["exact", "euler"]) -> Iterator[EventChunk]:
     """Yield the events as the engine finds them; each trigger comes with the first events that are not before it."""
     from sim_backend.pixel.chain import build_chain
     from sim_backend.pixel.engines.reference import ReferenceEngine
 
     chain = build_chain(take.model, take.roi, take.sensor_seed)
+    if take.ambient != "open":  # a shroud and a cap keep out what does not come from the source
+        chain = replace(chain, stray_lux=0.0)
     sent = 0
-    for events in ReferenceEngine(dt_s=dt_s).events(chain, take.light, take.duration_s, take.seed):
+    for events in ReferenceEngine(dt_s=dt_s, step=step).events(chain, take.light, take.duration_s, take.seed):
         if len(events) == 0:
             continue
         due = int(np.searchsorted(take.triggers["t"], events["t"][-1], side="right"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -50,6 +51,34 @@ def test_safe_state_is_harmless_at_any_time(rigs: dict[type, dict[str, Callable[
         device.safe_state()
         device.close()
         device.safe_state()
+
+
+def failure(device: Device) -> DeviceError | None:
+    """Return what the last safe state of `device` could not do."""
+    return device.unsafe
+
+
+def test_a_safe_state_that_fails_is_told_and_a_later_one_takes_it_back(
+    rigs: dict[type, dict[str, Callable[[], Any]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> None:
+        raise OSError(5, "Input/output error")
+
+    for device in devices(rigs):
+        device.connect()
+        with monkeypatch.context() as broken:
+            broken.setattr(device, "_safe_state", fail)
+            device.safe_state()
+            what = "could not be (made dark|brought to its safe state)"
+            assert re.match(rf"{device.name}: {what}: .*Input/output error; .* by hand", str(failure(device)))
+            device.close()
+            assert failure(device) is not None
+            with pytest.raises(DeviceError, match=what):
+                device.connect()
+            assert not device.connected
+        device.connect()
+        assert failure(device) is None
+        device.close()
 
 
 def test_close_is_harmless_at_any_time_and_can_be_undone(rigs: dict[type, dict[str, Callable[[], Any]]]) -> None:

@@ -157,3 +157,44 @@ def test_a_bug_is_one_line_with_the_traceback_in_the_log(tmp_path: Path) -> None
     assert len(done.stderr.splitlines()) == 1
     assert "something is broken" in done.stderr
     assert "Traceback" in (tmp_path / "evs-bench" / "evs-bench.log").read_text()
+
+
+BROKEN_LAMP = """\
+from drivers.errors import DeviceTimeout
+from sim_backend.devices.light import SimulatedLightSource
+
+
+class BrokenLamp(SimulatedLightSource):
+    def _play(self, waveform):
+        {fault}
+"""
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("raise DeviceTimeout(self.name, 'OUT 120', 'no answer within 1 s', 'is it switched on?')", "OUT 120"),
+        ("raise BrokenPipeError(32, 'connection lost')", "connection lost"),
+    ],
+)
+def test_a_device_that_fails_is_one_line_and_exit_code_2(fault: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "broken_lamp.py").write_text(BROKEN_LAMP.format(fault=fault))
+    shipped = (Path(__file__).parents[2] / "bench" / "stations" / "simulated.yaml").read_text()
+    station = shipped.replace("sim_backend.devices.light:SimulatedLightSource", "broken_lamp:BrokenLamp")
+    assert station != shipped
+    (tmp_path / "broken.yaml").write_text(station)
+    done = subprocess.run(
+        [EVS_BENCH, "run", "quick_look", "--station", "broken.yaml", "--out", "run"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 2, done.stderr
+    complaints = [line for line in done.stderr.splitlines() if line.startswith("evs-bench: ")]
+    assert len(complaints) == 1
+    assert told in complaints[0]
+    journal = [json.loads(line) for line in (tmp_path / "run/journal.jsonl").read_text().splitlines()]
+    assert [entry["state"] for entry in journal[-2:]] == ["failed", "run_aborted"]
+    assert not list((tmp_path / "run" / "points").iterdir())

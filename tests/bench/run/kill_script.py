@@ -1,6 +1,8 @@
 """Runs a protocol of many points, with a camera that makes events up quickly, and waits to be killed.
 
-Usage: kill_script.py FOLDER
+Usage: kill_script.py FOLDER [EVENTS]
+
+EVENTS is the most events of a point.
 """
 
 from __future__ import annotations
@@ -30,13 +32,15 @@ if TYPE_CHECKING:
 class QuickCamera(SimulatedCamera):
     """A camera whose events are noise from the seed of the recording: nothing to compile, nothing to wait for."""
 
+    most_events = int(sys.argv[2]) if len(sys.argv) > 2 else 20_000
+
     def start(self, recording: Recording) -> None:
         super().start(recording)
         self._seed = recording.seed
 
     def chunks(self) -> Iterator[EventChunk]:
         rng = np.random.default_rng(self._seed)
-        events = np.empty(int(rng.integers(0, 20_000)), EVENT_DTYPE)
+        events = np.empty(int(rng.integers(self.most_events // 2, self.most_events)), EVENT_DTYPE)
         events["t"] = np.sort(rng.integers(0, 500_000, len(events)))
         events["x"], events["y"] = rng.integers(10, 14, len(events)), rng.integers(20, 23, len(events))
         events["p"] = rng.integers(0, 2, len(events))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -74,6 +76,36 @@ def test_nothing_to_align() -> None:
     none = np.empty(0, np.int64), np.empty(0, np.uint8)
     assert align_to_triggers(EDGES, *none) is None
     assert align_to_triggers(np.zeros(1), *_triggers(EDGES)) is None
+
+
+@pytest.mark.parametrize("n_edges", [1, 2, 3, 30])
+def test_a_stray_trigger_moves_nothing(n_edges: int) -> None:
+    for stray_us in (1, 250_000, 5_000_000):
+        found = align_to_triggers(EDGES[: n_edges + 1], np.array([stray_us]), np.ones(1, np.uint8))
+        assert found is None
+
+
+def test_half_of_the_edges_must_have_a_trigger() -> None:
+    t, p = _triggers(EDGES, 0.5)
+    half = align_to_triggers(EDGES, t[:15], p[:15])
+    assert half is not None
+    assert half.lost == 15
+    assert align_to_triggers(EDGES, t[:14], p[:14]) is None
+
+
+def test_a_window_before_the_first_edge_moves_with_it() -> None:
+    """The window begins in the gap, 1 ms before the edge that is looked for; one of a background ends there."""
+    stimulus = square_edges(period_s=0.2, duty=0.5, low_lux=1.0, high_lux=2.0, cycles=3, first_edge_s=0.1)
+    early = replace(
+        stimulus,
+        pulse_start_s=np.array([0.0, 0.099, 0.15, 0.199, 0.61]),
+        pulse_stop_s=np.array([0.05, 0.15, 0.18, 0.25, 0.65]),
+        pulse_kind=np.zeros(5, np.uint8),
+    )
+    shift = np.array([0.0, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+    start, stop = moved_windows(early, early.t_s + shift)
+    np.testing.assert_allclose(start - early.pulse_start_s, [0.5, 0.5, 0.5, 0.6, 1.0])
+    np.testing.assert_allclose(stop - start, early.pulse_stop_s - early.pulse_start_s)
 
 
 def test_windows_move_with_the_edge_at_which_they_begin() -> None:

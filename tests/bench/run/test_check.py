@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
 from bench.run import CheckReport, check
 from bench.station import Station, load_station
-from protocols import library, load_protocol, parse_protocol
+from protocols import LoadedProtocol, library, load_protocol, parse_protocol
 
 StationMaker = Callable[..., Station]
 
@@ -101,6 +102,7 @@ def test_parts_that_are_too_short(make_station: StationMaker) -> None:
     assert _kinds(_check(make_station, gap_s=0.0049)) == ["gap_too_short"]
     assert _kinds(_check(make_station, test_s=0.0050, gap_s=0.0050)) == []
     assert _kinds(_check(make_station, SQUARE, frequency=101, off=0.3)) == [
+        "square_cannot_tell_thresholds",
         "bright part_too_short",
         "dark part_too_short",
     ]
@@ -110,7 +112,13 @@ def test_a_square_wave_with_unequal_thresholds(make_station: StationMaker) -> No
     report = _check(make_station, SQUARE, on=0.3, off=0.25)
     assert _kinds(report) == ["square_shows_other_threshold"]
     assert "the OFF threshold (0.250 ln) stays unseen" in report.findings[0].message
-    assert _kinds(_check(make_station, SQUARE, on=0.3, off=0.3)) == []
+
+
+@pytest.mark.parametrize("off", [0.3, 0.2975])
+def test_a_square_wave_with_equal_thresholds(make_station: StationMaker, off: float) -> None:
+    report = _check(make_station, SQUARE, on=0.3, off=off)
+    assert _kinds(report) == ["square_cannot_tell_thresholds"]
+    assert "cannot tell thresholds that are equal" in report.findings[0].message
 
 
 def test_a_source_that_is_timed_by_the_host_needs_time_to_settle(make_station: StationMaker) -> None:
@@ -143,5 +151,16 @@ def test_the_shipped_protocols_can_be_taken(name: str) -> None:
     assert not report.refused
     # A sweep of the pulse width goes below what the others keep to, and the study of the square wave shows what
     # imbalanced thresholds do to it: that is their point.
-    known = {"pulse_width": {"test pulse_too_short"}, "paper_square": {"square_shows_other_threshold"}}
+    known = {
+        "pulse_width": {"test pulse_too_short"},
+        "paper_square": {"square_shows_other_threshold", "square_cannot_tell_thresholds"},
+    }
     assert set(_kinds(report)) == known.get(name, set())
+
+
+def test_one_of_a_thing_is_said_as_one(make_station: StationMaker, protocol: LoadedProtocol) -> None:
+    report = check(protocol.protocol, make_station())
+    one = replace(report, estimate=replace(report.estimate, points=1, nd_changes=1, operator_steps=1))
+    assert one.lines()[0] == "a small run: 1 point on station box, 1 change of the filter, 1 operator step"
+    two = replace(report, estimate=replace(report.estimate, points=2, nd_changes=0, operator_steps=2))
+    assert two.lines()[0] == "a small run: 2 points on station box, 0 changes of the filter, 2 operator steps"

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import logging
-import os
-import signal
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -17,17 +14,17 @@ import h5py
 import numpy as np
 import pytest
 
-from bench.run import StopFlag, run_protocol
+from bench.run import StopFlag, assume_done, run_protocol
 from bench.run.progress import BarProgress, LineProgress, Status, duration_text, progress_for
 from bench.run.runner import new_run_id
 from bench.station import Station
 from bench.store import Run, RunError
-from drivers.errors import DataLost, DeviceError
+from drivers.events.types import TRIGGER_DTYPE, EventChunk, empty_events, empty_triggers
 from protocols import InputError, LoadedProtocol, parse_protocol, stimulus_of
-from sim_backend.devices.light import SimulatedLightSource
+from sim_backend.devices.camera import SimulatedCamera
 
 if TYPE_CHECKING:
-    from drivers.interfaces import PlayedWaveform, Waveform
+    from collections.abc import Iterator
 
 StationMaker = Callable[..., Station]
 
@@ -128,77 +125,6 @@ def test_what_the_station_cannot_do_is_said_at_once_and_nothing_is_taken(
     assert not station.light.connected
 
 
-class _FailingLight(SimulatedLightSource):
-    """Fails when it plays for the third time."""
-
-    played = 0
-
-    def _play(self, waveform: Waveform) -> PlayedWaveform:
-        self.played += 1
-        if self.played == 3:
-            raise DataLost(self.name, "play a waveform", "the line went dead", "check the cable")
-        return super()._play(waveform)
-
-
-def test_a_device_that_fails_ends_the_run_in_its_safe_state(
-    make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path
-) -> None:
-    station = make_station(light=_FailingLight)
-    with pytest.raises(DeviceError, match="the line went dead"):
-        run_protocol(protocol, station, tmp_path / "run")
-    failed, aborted = _journal(tmp_path / "run")[-2:]
-    assert (failed["state"], failed["point"]) == ("failed", 2)
-    assert "the line went dead" in failed["reason"]
-    assert aborted["state"] == "run_aborted"
-    run = Run.open(tmp_path / "run")
-    run.verify()
-    assert len(run) == 2
-    assert not list((tmp_path / "run/points").glob("*.part"))
-    assert station.light._world.level == 0.0  # type: ignore[attr-defined]
-    assert "Traceback" in (tmp_path / "run/evs-bench.log").read_text()
-
-
-class _Interrupting(LineProgress):
-    """Presses Ctrl-C while a point is taken."""
-
-    def __init__(self, at: int, times: int) -> None:
-        super().__init__(io.StringIO(), 0.0)
-        self.at, self.times = at, times
-
-    def update(self, status: Status) -> None:
-        super().update(status)
-        if status.done == self.at:
-            for _ in range(self.times):
-                os.kill(os.getpid(), signal.SIGINT)
-
-
-def test_ctrl_c_stops_after_the_point(make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path) -> None:
-    before = signal.getsignal(signal.SIGINT)
-    progress = _Interrupting(at=1, times=1)
-    result = run_protocol(protocol, make_station(), tmp_path / "run", progress=progress)
-    assert (result.done, result.stopped) == (2, True)
-    assert [line["state"] for line in _journal(tmp_path / "run")][-2:] == ["done", "run_aborted"]
-    assert "press Ctrl-C again" in progress._stream.getvalue()  # type: ignore[attr-defined]
-    assert signal.getsignal(signal.SIGINT) is before
-
-
-def test_a_second_ctrl_c_stops_at_once(make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path) -> None:
-    station = make_station()
-    with pytest.raises(KeyboardInterrupt):
-        run_protocol(protocol, station, tmp_path / "run", progress=_Interrupting(at=1, times=2))
-    assert _journal(tmp_path / "run")[-1]["state"] == "run_aborted"
-    assert len(Run.open(tmp_path / "run")) == 1
-    assert station.light._world.level == 0.0  # type: ignore[attr-defined]
-
-
-def test_a_wish_to_stop_from_before_takes_nothing(
-    make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path
-) -> None:
-    stop = StopFlag()
-    stop.request()
-    assert run_protocol(protocol, make_station(), tmp_path / "run", stop=stop).done == 0
-
-
 def test_an_existing_folder_is_refused_before_anything_is_switched_on(
     make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path
 ) -> None:
@@ -215,8 +141,46 @@ def test_the_operator_is_asked_once_before_the_first_point(
     asked: list[str] = []
     run_protocol(parse_protocol(text, "x.yaml"), make_station(), tmp_path / "run", operator=asked.append)
     assert asked == ["put the cap on"]
-    run_protocol(parse_protocol(text, "x.yaml"), make_station(), tmp_path / "run2")
+    run_protocol(parse_protocol(text, "x.yaml"), make_station(), tmp_path / "run2", operator=assume_done)
     assert "operator step taken as done: put the cap on" in (tmp_path / "run2/evs-bench.log").read_text()
+    with pytest.raises(InputError, match=r"dark: .*'put the cap on'.*--operator-steps assume"):
+        run_protocol(parse_protocol(text, "x.yaml"), make_station(), tmp_path / "run3")
+    assert not (tmp_path / "run3").exists()
+
+
+class _StrayTrigger(SimulatedCamera):
+    """Its trigger input sees one edge, which is none of the light's."""
+
+    def chunks(self) -> Iterator[EventChunk]:
+        yield EventChunk(empty_events(), np.array([(123_456, 1, 0)], TRIGGER_DTYPE))
+        for chunk in super().chunks():
+            yield EventChunk(chunk.events, empty_triggers())
+
+
+def test_a_stray_trigger_does_not_move_the_time_axis(
+    make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path
+) -> None:
+    run_protocol(protocol, make_station(), tmp_path / "good")
+    run_protocol(protocol, make_station(camera=_StrayTrigger), tmp_path / "stray")
+    for good, stray in zip(Run.open(tmp_path / "good").points(), Run.open(tmp_path / "stray").points(), strict=True):
+        edges = len(good.stimulus_t_s) - 1
+        assert stray.attributes["time_axis"] == "edges_known"
+        np.testing.assert_allclose(stray.stimulus_t_s, good.stimulus_t_s, atol=1e-6)
+        np.testing.assert_allclose(stray.pulse_start_s, good.pulse_start_s, atol=1e-6)
+        assert (stray.quality["edges_without_trigger"], stray.quality["triggers_without_edge"]) == (edges, 1)
+        assert not edges or good.quality["edges_without_trigger"] == good.quality["triggers_without_edge"] == 0
+    assert "triggers (1) do not fit the edges" in (tmp_path / "stray/evs-bench.log").read_text()
+
+
+def test_another_seed_reaches_measurements_with_a_seed_of_their_own(
+    make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path
+) -> None:
+    text = protocol.text.replace('  - name: "square"\n', '  - name: "square"\n    seed: 3\n')
+    seeds = {}
+    for seed in (None, 7, 8):
+        run_protocol(parse_protocol(text, "x.yaml"), make_station(), tmp_path / str(seed), seed=seed)
+        seeds[seed] = [p.attributes["seed"] for p in Run.open(tmp_path / str(seed)).points()]
+    assert all(len({seeds[None][i], seeds[7][i], seeds[8][i]}) == 3 for i in range(4))
 
 
 def test_without_out_the_folder_is_the_id(
@@ -233,22 +197,20 @@ def test_without_out_the_folder_is_the_id(
 
 def test_a_run_id_sorts_by_time() -> None:
     now = datetime(2026, 11, 20, 21, 3, 11, tzinfo=UTC)
-    assert new_run_id("on_family", now) == "2026-11-20T21-03-11Z-on-family"
-    assert new_run_id("b", now) < new_run_id("a", now + timedelta(seconds=1))
+    assert new_run_id("on_family", now) == "2026-11-20T21-03-11.000Z-on-family"
+    assert new_run_id("b", now) < new_run_id("a", now + timedelta(milliseconds=1))
 
 
-def test_a_full_disk_ends_the_run_in_one_line(
+def test_runs_of_the_same_moment_have_different_ids(
     make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object) -> int:
-        raise OSError(28, "No space left on device")
-
-    station = make_station()
-    monkeypatch.setattr("bench.store.point_writer.sync_file", full)
-    with pytest.raises(RunError, match=r"000000\.h5: could not be written: No space left on device"):
-        run_protocol(protocol, station, tmp_path / "run")
-    assert list((tmp_path / "run/points").iterdir()) == []
-    assert station.light._world.level == 0.0  # type: ignore[attr-defined]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("bench.run.runner.new_run_id", lambda name: f"now-{name}")
+    stop = StopFlag()
+    stop.request()
+    runs = [run_protocol(protocol, make_station(), stop=stop) for _ in range(3)]
+    assert [run.run_id for run in runs] == ["now-small_run", "now-small_run-2", "now-small_run-3"]
+    assert all(run.folder.name == run.run_id == Run.open(run.folder).header.id for run in runs)
 
 
 def test_settling_times_pass_on_the_stations_clock(
@@ -260,12 +222,6 @@ def test_settling_times_pass_on_the_stations_clock(
     estimate = protocol.protocol.estimate()
     # The estimate counts the settling after a filter; the wheel itself takes a second to move, once.
     assert station.clock.now() - begin == pytest.approx(estimate.duration_s + 1.0, abs=1e-6)
-
-
-def test_logging_is_left_as_it_was(make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path) -> None:
-    before = list(logging.getLogger("evs_bench").handlers)
-    run_protocol(protocol, make_station(), tmp_path / "run")
-    assert logging.getLogger("evs_bench").handlers == before
 
 
 def test_status_lines_say_what_is_left() -> None:

@@ -6,6 +6,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import yaml
 
 from bench.station import load_station, station_from, stations
 from protocols.errors import InputError
@@ -197,3 +198,17 @@ def test_loading_needs_no_simulation_where_there_is_none(write: Callable[..., Pa
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split()[0] == "False"
+
+
+@pytest.mark.parametrize("place", ["world", "roles/light", "roles/wheel", "roles/camera", "roles/clock"])
+@pytest.mark.parametrize("code", ["subprocess:Popen", "os:system"])
+def test_a_class_that_does_not_declare_itself_is_not_called(
+    write: Callable[..., Path], tmp_path: Path, place: str, code: str
+) -> None:
+    touched = tmp_path / "touched"
+    key = "class" if place == "world" else "driver"
+    path = write({place: {key: code, "args": {"args": ["touch", str(touched)]}}})
+    assert any(code in problem and " is no " in problem for problem in problems(path))
+    with pytest.raises(InputError, match=" is no "):  # as a run is taken again
+        station_from(yaml.safe_load(path.read_text()), "run.yaml")
+    assert not touched.exists()

@@ -36,7 +36,7 @@ def shipped(request: pytest.FixtureRequest) -> Station:
 
 
 def test_names() -> None:
-    assert stations() == ("simulated", "simulated_ideal")
+    assert stations() == ("simulated", "simulated_ideal", "simulated_paper")
 
 
 def test_common_settings_are_reached_exactly(station: Station) -> None:

@@ -61,8 +61,21 @@ def test_all_devices_that_fail_are_told_and_the_others_closed(
         "camera: connect: nobody answers; is it switched on?",
     ]
     assert len(caught.value.failures) == 2
+    assert caught.value.lines == tuple(str(caught.value).splitlines())
     assert diary.lines[-1] == "wheel closes"
     assert "lamp closes" not in diary.lines
+
+
+def test_a_light_that_cannot_be_made_dark_is_not_connected(station: Station, diary: Diary) -> None:
+    diary.fail_at = {"lamp safe": OSError("gone"), "wheel connects": OSError("busy")}
+    with pytest.raises(DevicesFailed) as caught:
+        station.connect()
+    assert caught.value.lines == (
+        "lamp: could not be made dark: gone; switch it off by hand",
+        "wheel: connect: busy",
+    )
+    assert not station.light.connected
+    assert [str(error) for error in station.unsafe] == [caught.value.lines[0]]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("bug")])

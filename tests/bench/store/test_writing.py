@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +17,10 @@ import numpy as np
 import pytest
 
 from bench.store import Run, RunError, RunWriter
+from bench.store.point_writer import PointWriter
 from bench.store.record import PointRecord, PulseRecord, StimulusRecord
+from bench.store.signals import signals_later
+from bench.store.sink import Sink
 from drivers.events.types import EVENT_DTYPE, TRIGGER_DTYPE, EventChunk, empty_triggers
 from protocols.points import Roi
 
@@ -172,3 +176,69 @@ def test_a_full_disk_is_one_line_and_leaves_nothing_half_written(tmp_path: Path,
     else:
         assert list((folder / "points").iterdir()) == []
         assert len(Run.open(folder)) == 0
+
+
+@pytest.mark.parametrize("call", ["write", "seek", "tell", "truncate", "readinto", "close"])
+def test_nothing_that_is_raised_in_the_file_passes_through_hdf5(tmp_path: Path, call: str) -> None:
+    class Broken:
+        def __init__(self, file: Any) -> None:
+            self.file = file
+
+        def __getattr__(self, name: str) -> Any:
+            if name == call:
+                raise KeyboardInterrupt
+            return getattr(self.file, name)
+
+    sink = Sink(tmp_path / "x")
+    sink.write(b"abc")
+    file = sink._file
+    sink._file = Broken(file)  # type: ignore[assignment]
+    sink.seek(0)
+    sink.tell()
+    sink.write(b"abcd")
+    sink.truncate(10)
+    sink.readinto(bytearray(3))
+    sink.close()
+    file.close()
+    with pytest.raises(KeyboardInterrupt):
+        sink.check()
+
+
+def test_an_interrupt_inside_hdf5_comes_after_the_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C as HDF5 writes: the call ends first, and the unfinished file is removed."""
+    write = Sink.write
+    calls: list[int] = []
+
+    def interrupted(self: Sink, data: object) -> int:
+        calls.append(len(calls))
+        signal.raise_signal(signal.SIGINT)  # not held back, it would be raised here
+        return write(self, data)
+
+    folder = tmp_path / "a"
+    with RunWriter(folder, HEADER) as writer:
+        with pytest.raises(KeyboardInterrupt), writer.point(0) as point:  # noqa: PT012 - the patch is part of it
+            monkeypatch.setattr(Sink, "write", interrupted)
+            point.append(EventChunk(_events(700_000), empty_triggers()))
+        assert calls
+        assert list((folder / "points").iterdir()) == []
+        monkeypatch.undo()
+        monkeypatch.setattr(PointWriter, "_growing", lambda *_: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            writer.point(1)  # made, and given up before anybody has it
+        assert list((folder / "points").iterdir()) == []
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_signals_are_held_back_and_handlers_put_back() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    got: list[int] = []
+    signal.signal(signal.SIGTERM, lambda which, _frame: got.append(which))
+    try:
+        with signals_later(), signals_later():
+            signal.raise_signal(signal.SIGTERM)
+            assert got == []
+        assert got == [signal.SIGTERM]
+        signal.raise_signal(signal.SIGTERM)
+        assert len(got) == 2
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +14,8 @@ import pytest
 from drivers.events.types import empty_events
 from drivers.interfaces import Recording, Waveform
 from protocols.errors import InputError
-from protocols.points import Roi
-from sim_backend.devices.camera import SimulatedCamera
+from protocols.points import Ambient, Roi
+from sim_backend.devices.camera import BIAS_RANGES, SimulatedCamera
 from sim_backend.devices.filter_wheel import SimulatedFilterWheel
 from sim_backend.devices.light import SimulatedLightSource
 from sim_backend.world import OpticalBench
@@ -53,11 +55,13 @@ class Bench:
             device.connect()
         self.camera.set_roi(Roi(3, 4, 2, 2))
 
-    def step(self, log_contrast: float, low: float = 1000.0, seed: int = 1) -> npt.NDArray[np.void]:
+    def step(
+        self, log_contrast: float, low: float = 1000.0, seed: int = 1, ambient: Ambient = "open"
+    ) -> npt.NDArray[np.void]:
         """Return the events of a recording of 0.2 s with a step up after 0.1 s."""
         self.light.set_level(low)
         self.world.clock.sleep(0.5)
-        self.camera.start(Recording(seed=seed))
+        self.camera.start(Recording(seed=seed, ambient=ambient))
         self.light.play(Waveform(np.array([0.0, 0.1]), low * np.array([1.0, math.exp(log_contrast)]), 0.2))
         self.camera.stop()
         return self.events()
@@ -107,8 +111,22 @@ def test_light_of_the_room_hides_a_step_as_dark_current_does() -> None:
     bench.wheel.select("nd30")
     assert len(bench.step(0.8)) == 4
     assert len(bench.step(0.6)) == 0
-    bench.world.set_ambient("shrouded")
-    assert len(bench.step(0.6)) == 4
+    assert len(bench.step(0.6, ambient="shrouded")) == 4
+    assert len(bench.step(0.6)) == 0  # open again
+
+
+def test_stray_light_acts_only_when_open() -> None:
+    bench = Bench(pixel={"effects": {"stray_light": {"illuminance_lux": 0.1}}})
+    bench.wheel.select("nd30")
+    assert len(bench.step(0.6)) == 0
+    assert len(bench.step(0.6, ambient="shrouded")) == 4
+
+
+def test_under_a_cap_the_source_is_not_seen() -> None:
+    gain_fa = Bench().world.pixel.photoconversion.gain_fa_per_lux
+    bench = Bench(ambient_lux=0.1, pixel={"effects": {"dark_current": {"mean_fa": 0.1 * gain_fa}}})
+    assert len(bench.step(2.0)) > 0
+    assert len(bench.step(2.0, ambient="capped")) == 0
 
 
 def test_rise_time_of_the_source_delays_the_events() -> None:
@@ -212,3 +230,23 @@ def test_wrong_arguments_are_refused() -> None:
         SimulatedCamera(world, bias_behaviour=Behaviour(), dt_s=0.0)
     with pytest.raises(InputError, match="0 x 720 pixels"):
         SimulatedCamera(world, bias_behaviour=Behaviour(), width=0)
+
+
+def test_biases_are_those_of_the_evk4() -> None:
+    document = Path(__file__).parents[2] / "data" / "evk4" / "evk4_biases.json"
+    biases = json.loads(document.read_text(encoding="utf-8"))["biases"]
+    assert {b["name"]: (b["recommended_min"], b["recommended_max"]) for b in biases} == BIAS_RANGES
+
+
+def test_the_low_pass_step_can_be_chosen() -> None:
+    # At an eighth of the time constant it takes 8 samples to reach theta, or 7.
+    arrivals = {}
+    for step in ("exact", "euler"):
+        bench = Bench()
+        bench.camera = SimulatedCamera(bench.world, bias_behaviour=Behaviour(), dt_s=1e-4, step=step)
+        bench.camera.connect()
+        bench.camera.set_roi(Roi(3, 4, 2, 2))
+        arrivals[step] = float(np.median(bench.step(0.5)["t"]))
+    assert arrivals["euler"] < arrivals["exact"]
+    with pytest.raises(InputError, match="step is 'midpoint'; expected exact or euler"):
+        SimulatedCamera(bench.world, bias_behaviour=Behaviour(), step="midpoint")  # type: ignore[arg-type]
