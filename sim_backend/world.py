@@ -94,7 +94,8 @@ class OpticalBench:
         self.nd_error_od = dict(nd_error_od or {})
         self._level = 0.0
         self._transmission = 1.0
-        self._steps: list[tuple[int, float]] = [(0, self.lux())]
+        self._nd_od = 0.0
+        self._steps: list[tuple[int, float, float]] = [(0, self.lux(), self._nd_od)]  # ns, lux, nominal OD
         self._triggers: list[TriggerEdge] = []
 
     @property
@@ -121,6 +122,7 @@ class OpticalBench:
     def set_filter(self, name: str, nd_od: float) -> None:
         """Let the filter `name` of nominal optical density `nd_od` be in the light path from now on."""
         self._transmission = self.transmission(name, nd_od)
+        self._nd_od = nd_od
         self._remember()
 
     def set_ambient(self, ambient: Ambient) -> None:
@@ -143,18 +145,19 @@ class OpticalBench:
         """Return the light on the chip from `start_ns`, which becomes its t = 0, until now."""
         before = [step for step in self._steps if step[0] < start_ns][-1:]
         after = [step for step in self._steps if step[0] >= start_ns]
-        steps = [(start_ns, lux) for _, lux in before] + after
-        t_s = np.array([(time_ns - start_ns) / NS_PER_S for time_ns, _ in steps])
-        return LightHistory(t_s, np.array([lux for _, lux in steps]), self.rise_tau_s)
+        steps = [(start_ns, lux, nd_od) for _, lux, nd_od in before] + after
+        t_s = np.array([(time_ns - start_ns) / NS_PER_S for time_ns, _, _ in steps])
+        lux, nd_od = (np.array([step[i] for step in steps]) for i in (1, 2))
+        return LightHistory(t_s, lux, self.rise_tau_s, nd_od)
 
     def triggers(self, start_ns: int, stop_ns: int) -> list[TriggerEdge]:
         """Return the trigger edges from `start_ns` until before `stop_ns`, in order."""
         return [edge for edge in self._triggers if start_ns <= edge.time_ns < stop_ns]
 
     def _remember(self) -> None:
-        lux = self.lux()
-        if lux != self._steps[-1][1]:
-            self._steps.append((self.clock.now_ns, lux))
+        now = (self.lux(), self._nd_od)
+        if now != self._steps[-1][1:]:
+            self._steps.append((self.clock.now_ns, *now))
 
 
 def _require(fulfilled: bool, name: str, value: object, expected: str) -> None:

@@ -24,11 +24,13 @@ class LightHistory:
     """Illuminance on the chip as commanded, with the nominal ND filter in: a step function from t = 0.
 
     With a rise time the light follows as ``dE/dt = (E_commanded - E) / rise_tau_s``; at t = 0 it is settled.
+    `nd_od` says which filter is in the light path; its nominal transmission is in the levels already.
     """
 
     t_s: npt.NDArray[np.float64]  #: (m,) s; time of each edge, ascending, the first is 0
     lux: npt.NDArray[np.float64]  #: (m,) lux from that edge to the next
     rise_tau_s: float = 0.0  #: time constant of the light's edges, s
+    nd_od: npt.NDArray[np.float64] | float = 0.0  #: (m,) or one for all; nominal OD of the filter that is in, 0: none
 
     def __post_init__(self) -> None:
         t_s = np.asarray(self.t_s, np.float64)
@@ -41,13 +43,17 @@ class LightHistory:
             raise ValueError("light history: each level must be a number of lux, 0 or more")
         if not 0.0 <= self.rise_tau_s < np.inf:
             raise ValueError(f"light history: the rise time is {self.rise_tau_s} s; expected 0 or more")
+        nd_od = np.asarray(self.nd_od, np.float64)
+        if nd_od.shape not in ((), lux.shape) or not np.all((nd_od >= 0.0) & np.isfinite(nd_od)):
+            raise ValueError("light history: optical densities must be 0 or more, one for each level or one for all")
+        object.__setattr__(self, "nd_od", np.broadcast_to(nd_od, lux.shape))
         object.__setattr__(self, "t_s", t_s)
         object.__setattr__(self, "lux", lux)
 
     @classmethod
-    def constant(cls, lux: float) -> LightHistory:
+    def constant(cls, lux: float, nd_od: float = 0.0) -> LightHistory:
         """Return a light that never changes."""
-        return cls(np.zeros(1), np.array([lux]))
+        return cls(np.zeros(1), np.array([lux]), nd_od=nd_od)
 
 
 def first_sample_at(t_s: npt.NDArray[np.float64], dt_s: float) -> npt.NDArray[np.int64]:
@@ -72,10 +78,14 @@ class LightSampler:
         self._first = first_sample_at(light.t_s, dt_s)
         self._at_edge_lux = _levels_at_edges(light)
 
+    def segments(self, start: int, stop: int) -> npt.NDArray[np.int64]:
+        """Return the number of the commanded level at the samples `start` to `stop` - 1."""
+        return np.searchsorted(self._first, np.arange(start, stop), side="right") - 1
+
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
         n = np.arange(start, stop)
-        segment = np.searchsorted(self._first, n, side="right") - 1
+        segment = self.segments(start, stop)
         commanded = self._light.lux[segment]
         if self._light.rise_tau_s == 0.0:
             return commanded
