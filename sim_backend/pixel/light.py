@@ -24,13 +24,15 @@ class LightHistory:
     """Illuminance on the chip as commanded, with the nominal ND filter in: a step function from t = 0.
 
     With a rise time the light follows as ``dE/dt = (E_commanded - E) / rise_tau_s``; at t = 0 it is settled.
-    `nd_od` says which filter is in the light path; its nominal transmission is in the levels already.
+    `nd_od` says which filter is in the light path, `room_lux` how much of the light does not come from the source;
+    both are in the levels already.
     """
 
     t_s: npt.NDArray[np.float64]  #: (m,) s; time of each edge, ascending, the first is 0
     lux: npt.NDArray[np.float64]  #: (m,) lux from that edge to the next
     rise_tau_s: float = 0.0  #: time constant of the light's edges, s
     nd_od: npt.NDArray[np.float64] | float = 0.0  #: (m,) or one for all; nominal OD of the filter that is in, 0: none
+    room_lux: npt.NDArray[np.float64] | float = 0.0  #: (m,) or one for all; light of the room on the chip, lux
 
     def __post_init__(self) -> None:
         t_s = np.asarray(self.t_s, np.float64)
@@ -43,10 +45,8 @@ class LightHistory:
             raise ValueError("light history: each level must be a number of lux, 0 or more")
         if not 0.0 <= self.rise_tau_s < np.inf:
             raise ValueError(f"light history: the rise time is {self.rise_tau_s} s; expected 0 or more")
-        nd_od = np.asarray(self.nd_od, np.float64)
-        if nd_od.shape not in ((), lux.shape) or not np.all((nd_od >= 0.0) & np.isfinite(nd_od)):
-            raise ValueError("light history: optical densities must be 0 or more, one for each level or one for all")
-        object.__setattr__(self, "nd_od", np.broadcast_to(nd_od, lux.shape))
+        object.__setattr__(self, "nd_od", _for_each_level("optical density", self.nd_od, lux, np.inf))
+        object.__setattr__(self, "room_lux", _for_each_level("light of the room", self.room_lux, lux, lux))
         object.__setattr__(self, "t_s", t_s)
         object.__setattr__(self, "lux", lux)
 
@@ -54,6 +54,19 @@ class LightHistory:
     def constant(cls, lux: float, nd_od: float = 0.0) -> LightHistory:
         """Return a light that never changes."""
         return cls(np.zeros(1), np.array([lux]), nd_od=nd_od)
+
+
+def _for_each_level(
+    name: str,
+    values: npt.NDArray[np.float64] | float,
+    lux: npt.NDArray[np.float64],
+    most: npt.NDArray[np.float64] | float,
+) -> npt.NDArray[np.float64]:
+    """Return one value for each level, from 0 to `most`."""
+    values = np.asarray(values, np.float64)
+    if values.shape not in ((), lux.shape) or not np.all((values >= 0.0) & (values <= most) & np.isfinite(values)):
+        raise ValueError(f"light history: {name}: expected 0 or more, one for each level or one for all")
+    return np.broadcast_to(values, lux.shape)
 
 
 def first_sample_at(t_s: npt.NDArray[np.float64], dt_s: float) -> npt.NDArray[np.int64]:
