@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,13 @@ def row(effect: EffectDescription) -> str:
 def test_the_table_in_the_docs_is_that_of_the_program() -> None:
     written = [line for line in TABLE.read_text().splitlines() if line.startswith("| `")]
     assert written == [row(effect) for effect in described_effects()]
+
+
+def test_each_effect_has_a_figure_in_the_docs() -> None:
+    shown = re.findall(r"!\[(\w+)\]\(effects/(\w+)\.png\)", TABLE.read_text())
+    assert [name for name, _ in shown] == [file for _, file in shown] == [e.id for e in described_effects()]
+    drawn = {path.stem for path in (TABLE.parent / "effects").glob("*.png")}
+    assert drawn == set(effects())
 
 
 def test_effects_are_listed_in_the_order_of_the_signal() -> None:
