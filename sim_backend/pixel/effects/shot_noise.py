@@ -22,6 +22,8 @@ class ShotNoise(Effect):
     into ``q / I``. Behind a low-pass of time constant tau the variance is ``factor q / (2 I tau)``; with a
     photoreceptor whose corner is ``c I`` it is ``factor pi c q``, the same at every light.
 
+    A pixel without dark current has no bound to it in the dark: give the model a dark current as well.
+
     Source: R. Graca, T. Delbruck, "Unraveling the paradox of intensity-dependent DVS pixel noise", International
     Image Sensor Workshop (2021); W. Schottky, Annalen der Physik 57 (1918).
     """
