@@ -35,6 +35,7 @@ _COMMANDS: Final = {
     "report": "Make the report of a run: one HTML file, figures and tables.",
     "import": "Make a run of recordings that were taken elsewhere.",
     "events": "Say what is in a recording.",
+    "effects": "List the physical effects that a pixel model may have; explain one.",
     "devices": "List the drivers, and what answers on a station.",
 }
 

@@ -1,5 +1,6 @@
 """Print the speed of the reference engine, in millions of pixel-samples per second, best of some repeats.
 
+First for a plain pixel, which takes the fast kernel, then for pixels with effects that need the general one.
 Beside it stands a plain compiled loop with the library's normal numbers, measured in the same run: on a busy machine
 look at the ratio. Run with ``python benchmarks/engine.py``.
 """
@@ -14,6 +15,15 @@ import numpy as np
 
 from protocols.points import Roi
 from sim_backend.pixel import LightHistory, PixelModel, ReferenceEngine, build_chain
+from sim_backend.pixel.effects import (
+    HighPass,
+    Leak,
+    LightFlicker,
+    LowFrequencyNoise,
+    PhotoreceptorBandwidth,
+    ResetNoise,
+    ShotNoise,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,9 +47,27 @@ def best_s(run: Callable[[], object], repeats: int = REPEATS) -> float:
     return min(times)
 
 
-def engine_rate(corner_hz: float, noise_rms: float, threads: int, light: LightHistory) -> float:
+def plain_pixel(corner_hz: float, noise_rms: float) -> PixelModel:
+    """Return a pixel without effects."""
+    return PixelModel(noise_rms=noise_rms, corner_hz=corner_hz, refractory_s=1e-2)
+
+
+def pixels_with_effects() -> dict[str, PixelModel]:
+    """Return pixels that the fast kernel cannot take, or whose light never rests."""
+    base = plain_pixel(200.0, 0.05)
+    two_poles = base + ShotNoise() + PhotoreceptorBandwidth()
+    return {
+        "flicker": base + LightFlicker(),
+        "leak": base + Leak(),
+        "two poles, shot noise": two_poles,
+        "the same, flicker": two_poles + LightFlicker(),
+        "all noises and leaks": two_poles + LowFrequencyNoise() + HighPass() + Leak() + ResetNoise(),
+    }
+
+
+def engine_rate(model: PixelModel, threads: int, light: LightHistory) -> float:
     """Return the pixel-samples per second of the engine."""
-    chain = build_chain(PixelModel(noise_rms=noise_rms, corner_hz=corner_hz, refractory_s=1e-2), ROI, 0)
+    chain = build_chain(model, ROI, 0)
     engine = ReferenceEngine(dt_s=DT_S, threads=threads)
     return ROI.pixels * SAMPLES / best_s(lambda: sum(len(e) for e in engine.events(chain, light, DURATION_S, 1)))
 
@@ -63,13 +91,17 @@ def main() -> None:
     for name, light in (("constant", constant), ("pulses", pulses)):
         for corner_hz in CORNERS_HZ:
             for noise_rms in (0.05, 0.0):
-                one, two = (engine_rate(corner_hz, noise_rms, n, light) / 1e6 for n in (1, 2))
+                one, two = (engine_rate(plain_pixel(corner_hz, noise_rms), n, light) / 1e6 for n in (1, 2))
                 plain = plain_rate(corner_hz, noise_rms) / 1e6 if name == "constant" and noise_rms else np.nan
                 print(
                     f"{name:9}  {corner_hz:9.0f}  {noise_rms:5.2f}  {one:8.0f}  {two:9.0f}  {plain:10.0f}  "
                     f"{one / plain:5.1f}",
                     flush=True,
                 )
+    print("effects, corner 200 Hz, noise 0.05   constant light  pulses  (1 thread)")
+    for name, model in pixels_with_effects().items():
+        rates = [engine_rate(model, 1, light) / 1e6 for light in (constant, pulses)]
+        print(f"{name:35}  {rates[0]:14.0f}  {rates[1]:6.0f}", flush=True)
 
 
 if __name__ == "__main__":

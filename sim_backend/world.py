@@ -94,7 +94,8 @@ class OpticalBench(World):
         self.nd_error_od = dict(nd_error_od or {})
         self._level = 0.0
         self._transmission = 1.0
-        self._steps: list[tuple[int, float]] = [(0, self.lux())]
+        self._nd_od = 0.0
+        self._steps: list[tuple[int, float, float, float]] = [(0, *self._light_now())]
         self._triggers: list[TriggerEdge] = []
 
     @property
@@ -106,8 +107,15 @@ class OpticalBench(World):
         """Return the illuminance on the chip that the light is at or on its way to, lux."""
         if self._ambient == "capped":
             return 0.0
-        room_lux = self._ambient_lux if self._ambient == "open" else 0.0
-        return self._level * self._lux_per_level * self._transmission + room_lux
+        return self._level * self._lux_per_level * self._transmission + self._room_lux()
+
+    def _room_lux(self) -> float:
+        """Return the light of the room on the chip, lux."""
+        return self._ambient_lux if self._ambient == "open" else 0.0
+
+    def _light_now(self) -> tuple[float, float, float]:
+        """Return the illuminance on the chip (lux), the nominal OD of the filter, and the light of the room (lux)."""
+        return self.lux(), self._nd_od, self._room_lux()
 
     def transmission(self, name: str, nd_od: float) -> float:
         """Return the true transmission of the filter `name` of nominal optical density `nd_od`."""
@@ -121,6 +129,7 @@ class OpticalBench(World):
     def set_filter(self, name: str, nd_od: float) -> None:
         """Let the filter `name` of nominal optical density `nd_od` be in the light path from now on."""
         self._transmission = self.transmission(name, nd_od)
+        self._nd_od = nd_od
         self._remember()
 
     def set_ambient(self, ambient: Ambient) -> None:
@@ -128,7 +137,7 @@ class OpticalBench(World):
         _require(ambient in _AMBIENTS, "ambient", ambient, " or ".join(_AMBIENTS))
         if ambient != self._ambient:
             self._ambient = ambient
-            self._steps = [(self.clock.now_ns, self.lux())]
+            self._steps = [(self.clock.now_ns, *self._light_now())]
 
     def emit_trigger(self, *, rising: bool) -> None:
         """Send an edge to the camera's trigger input now."""
@@ -144,18 +153,19 @@ class OpticalBench(World):
         """Return the light on the chip from `start_ns`, which becomes its t = 0, until now."""
         before = [step for step in self._steps if step[0] < start_ns][-1:]
         after = [step for step in self._steps if step[0] >= start_ns]
-        steps = [(start_ns, lux) for _, lux in before] + after
-        t_s = np.array([(time_ns - start_ns) / NS_PER_S for time_ns, _ in steps])
-        return LightHistory(t_s, np.array([lux for _, lux in steps]), self.rise_tau_s)
+        steps = [(start_ns, *levels) for _, *levels in before] + after
+        t_s = np.array([(time_ns - start_ns) / NS_PER_S for time_ns, *_ in steps])
+        lux, nd_od, room_lux = (np.array([step[i] for step in steps]) for i in (1, 2, 3))
+        return LightHistory(t_s, lux, self.rise_tau_s, nd_od, room_lux)
 
     def triggers(self, start_ns: int, stop_ns: int) -> list[TriggerEdge]:
         """Return the trigger edges from `start_ns` until before `stop_ns`, in order."""
         return [edge for edge in self._triggers if start_ns <= edge.time_ns < stop_ns]
 
     def _remember(self) -> None:
-        lux = self.lux()
-        if lux != self._steps[-1][1]:
-            self._steps.append((self.clock.now_ns, lux))
+        now = self._light_now()
+        if now != self._steps[-1][1:]:
+            self._steps.append((self.clock.now_ns, *now))
 
 
 def _require(fulfilled: bool, name: str, value: object, expected: str) -> None:

@@ -199,7 +199,7 @@ class SimulatedCamera(EventCamera):
         return _chunks(self._take, self._dt_s, self._step)
 
     def quality(self) -> RecordingQuality:
-        """Return what is known about the completeness of the last recording: nothing is ever lost."""
+        """Return what is known about the completeness of the last recording: nothing is lost behind the sensor."""
         self.require_connected("judge the recording")
         return RecordingQuality()
 

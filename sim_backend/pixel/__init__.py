@@ -6,6 +6,7 @@ from sim_backend.pixel.chain import Chain, build_chain
 from sim_backend.pixel.engines.reference import ReferenceEngine
 from sim_backend.pixel.light import LightHistory
 from sim_backend.pixel.model import Photoconversion, PixelModel
+from sim_backend.pixel.model_file import model_text, read_model_file
 from sim_backend.pixel.parameters import Parameter
 
 __all__ = [
@@ -16,4 +17,6 @@ __all__ = [
     "PixelModel",
     "ReferenceEngine",
     "build_chain",
+    "model_text",
+    "read_model_file",
 ]

@@ -24,11 +24,15 @@ class LightHistory:
     """Illuminance on the chip as commanded, with the nominal ND filter in: a step function from t = 0.
 
     With a rise time the light follows as ``dE/dt = (E_commanded - E) / rise_tau_s``; at t = 0 it is settled.
+    `nd_od` says which filter is in the light path, `room_lux` how much of the light does not come from the source;
+    both are in the levels already.
     """
 
     t_s: npt.NDArray[np.float64]  #: (m,) s; time of each edge, ascending, the first is 0
     lux: npt.NDArray[np.float64]  #: (m,) lux from that edge to the next
     rise_tau_s: float = 0.0  #: time constant of the light's edges, s
+    nd_od: npt.NDArray[np.float64] | float = 0.0  #: (m,) or one for all; nominal OD of the filter that is in, 0: none
+    room_lux: npt.NDArray[np.float64] | float = 0.0  #: (m,) or one for all; light of the room on the chip, lux
 
     def __post_init__(self) -> None:
         t_s = np.asarray(self.t_s, np.float64)
@@ -41,13 +45,28 @@ class LightHistory:
             raise ValueError("light history: each level must be a number of lux, 0 or more")
         if not 0.0 <= self.rise_tau_s < np.inf:
             raise ValueError(f"light history: the rise time is {self.rise_tau_s} s; expected 0 or more")
+        object.__setattr__(self, "nd_od", _for_each_level("optical density", self.nd_od, lux, np.inf))
+        object.__setattr__(self, "room_lux", _for_each_level("light of the room", self.room_lux, lux, lux))
         object.__setattr__(self, "t_s", t_s)
         object.__setattr__(self, "lux", lux)
 
     @classmethod
-    def constant(cls, lux: float) -> LightHistory:
+    def constant(cls, lux: float, nd_od: float = 0.0) -> LightHistory:
         """Return a light that never changes."""
-        return cls(np.zeros(1), np.array([lux]))
+        return cls(np.zeros(1), np.array([lux]), nd_od=nd_od)
+
+
+def _for_each_level(
+    name: str,
+    values: npt.NDArray[np.float64] | float,
+    lux: npt.NDArray[np.float64],
+    most: npt.NDArray[np.float64] | float,
+) -> npt.NDArray[np.float64]:
+    """Return one value for each level, from 0 to `most`."""
+    values = np.asarray(values, np.float64)
+    if values.shape not in ((), lux.shape) or not np.all((values >= 0.0) & (values <= most) & np.isfinite(values)):
+        raise ValueError(f"light history: {name}: expected 0 or more, one for each level or one for all")
+    return np.broadcast_to(values, lux.shape)
 
 
 def first_sample_at(t_s: npt.NDArray[np.float64], dt_s: float) -> npt.NDArray[np.int64]:
@@ -72,10 +91,14 @@ class LightSampler:
         self._first = first_sample_at(light.t_s, dt_s)
         self._at_edge_lux = _levels_at_edges(light)
 
+    def segments(self, start: int, stop: int) -> npt.NDArray[np.int64]:
+        """Return the number of the commanded level at the samples `start` to `stop` - 1."""
+        return np.searchsorted(self._first, np.arange(start, stop), side="right") - 1
+
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
         n = np.arange(start, stop)
-        segment = np.searchsorted(self._first, n, side="right") - 1
+        segment = self.segments(start, stop)
         commanded = self._light.lux[segment]
         if self._light.rise_tau_s == 0.0:
             return commanded

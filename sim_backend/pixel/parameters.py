@@ -24,12 +24,12 @@ class Parameter:
     name: str
     unit: str  #: "1" for a pure number, "ln" for a natural logarithm of intensity
     bounds: tuple[float, float]  #: lowest and highest value allowed, both included
-    default: float
+    default: float | None  #: None where the value may be left open; `doc` says what happens then
     null: float | None  #: value at which it has no influence; None if there is none
     doc: str
 
 
-def parameter(unit: str, bounds: tuple[float, float], default: float, null: float | None, doc: str) -> Any:
+def parameter(unit: str, bounds: tuple[float, float], default: float | None, null: float | None, doc: str) -> Any:
     """Return a dataclass field that carries the description of a :class:`Parameter`."""
     description = Parameter("", unit, bounds, default, null, doc)
     return field(default=default, metadata={_KEY: description})
@@ -59,8 +59,8 @@ class Described:
                 )
         return tuple(found)
 
-    def values(self) -> dict[str, float]:
-        """Return the value of each parameter by name."""
+    def values(self) -> dict[str, float | None]:
+        """Return the value of each parameter by name; None where it is left open."""
         return {p.name: getattr(self, p.name) for p in self.parameters()}
 
     def check_bounds(self, owner: str) -> None:
@@ -68,7 +68,7 @@ class Described:
         problems = [
             f"{owner}: {p.name} is {value!r}; expected a number from {p.bounds[0]:g} to {p.bounds[1]:g} {p.unit}"
             for p in self.parameters()
-            if not _within(value := getattr(self, p.name), p.bounds)
+            if not (_within(value := getattr(self, p.name), p.bounds) or (value is None and p.default is None))
         ]
         if problems:
             raise InputError(*problems)

@@ -16,7 +16,7 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["normals", "philox4x32", "split_seed"]
+__all__ = ["normals", "philox4x32", "split_seed", "uniforms"]
 
 _ROUNDS: Final = 10
 _MULTIPLIER: Final = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
@@ -59,12 +59,23 @@ def normals(seed: int, index: npt.NDArray[np.uint32], purpose: int) -> npt.NDArr
 
     Box-Muller on two 53-bit uniform numbers made of the four words at counter (index, purpose, 0, 0).
     """
+    words = _words(seed, index, purpose)
+    radius = np.sqrt(-2.0 * np.log1p(-_uniform(words[:, 0], words[:, 1])))
+    return radius * np.cos(2.0 * np.pi * _uniform(words[:, 2], words[:, 3]))
+
+
+def uniforms(seed: int, index: npt.NDArray[np.uint32], purpose: int) -> npt.NDArray[np.float64]:
+    """Return one number from 0 to below 1 for each of `index`, (n,); another `purpose` gives independent ones."""
+    words = _words(seed, index, purpose)
+    return _uniform(words[:, 0], words[:, 1])
+
+
+def _words(seed: int, index: npt.NDArray[np.uint32], purpose: int) -> npt.NDArray[np.uint32]:
+    """Return the (n, 4) random words at the counters (index, purpose, 0, 0)."""
     counter = np.zeros((len(index), 4), np.uint32)
     counter[:, 0] = index
     counter[:, 1] = purpose
-    words = philox4x32(counter, split_seed(seed))
-    radius = np.sqrt(-2.0 * np.log1p(-_uniform(words[:, 0], words[:, 1])))
-    return radius * np.cos(2.0 * np.pi * _uniform(words[:, 2], words[:, 3]))
+    return philox4x32(counter, split_seed(seed))
 
 
 def _uniform(high: npt.NDArray[np.uint32], low: npt.NDArray[np.uint32]) -> npt.NDArray[np.float64]:

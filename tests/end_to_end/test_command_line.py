@@ -12,7 +12,19 @@ from pathlib import Path
 
 import pytest
 
-COMMANDS = ("demo", "protocols", "check", "run", "rerun", "analyze", "report", "import", "events", "devices")
+COMMANDS = (
+    "demo",
+    "protocols",
+    "check",
+    "run",
+    "rerun",
+    "analyze",
+    "report",
+    "import",
+    "events",
+    "effects",
+    "devices",
+)
 EVS_BENCH = str(Path(sys.executable).parent / "evs-bench")
 
 FIVE_MISTAKES = """\
@@ -72,6 +84,7 @@ def test_each_command_has_help_and_loads_nothing_heavy(command: str, tmp_path: P
         ("import", "no_such_folder", "--out", "x"),
         ("protocols", "copy", "no_such_protocol"),
         ("rerun", "no_such_run"),
+        ("effects", "no_such_effect"),
     ],
     ids=" ".join,
 )
@@ -105,6 +118,18 @@ def test_protocols_lists_and_copies_without_overwriting(tmp_path: Path) -> None:
     again = evs_bench("protocols", "copy", "quick_look", cwd=tmp_path)
     assert again.returncode == 1
     assert "exists already" in again.stderr
+
+
+def test_effects_are_listed_and_explained(tmp_path: Path) -> None:
+    listing = json.loads(evs_bench("effects", "--json", cwd=tmp_path).stdout)
+    assert listing["format"] == "evs-bench-effects/1"
+    names = [effect["id"] for effect in listing["effects"]]
+    assert {"dark_current", "leak", "shot_noise", "trail_filter"} <= set(names)
+    assert all(name in evs_bench("effects", cwd=tmp_path).stdout for name in names)
+    told = evs_bench("effects", "leak", cwd=tmp_path).stdout
+    for part in ("rate_per_s", "ln/s", "D = V - V_ref + rate (t - t_reset)", "Source: ", "First sign: ON noise"):
+        assert part in told
+    assert "did you mean dark_current?" in evs_bench("effects", "dark_curent", cwd=tmp_path).stderr
 
 
 def test_a_closed_pipe_is_not_an_error(tmp_path: Path) -> None:

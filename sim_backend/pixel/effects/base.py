@@ -39,15 +39,16 @@ STAGES: Final[tuple[Stage, ...]] = (
 class Effect(Described, ABC):
     """One physical effect: a frozen dataclass of parameters, and the way in which it changes a chain.
 
-    A subclass is decorated with ``@dataclass(frozen=True, slots=True)``, sets `id` and `stage`, makes each field with
-    :func:`~sim_backend.pixel.parameters.parameter`, gives the equation and its source in its docstring, and
-    implements :meth:`apply`. It knows no engine: it changes numbers of the chain and no more.
+    A subclass is decorated with ``@dataclass(frozen=True, slots=True)``, sets `id`, `stage` and `sign`, makes each
+    field with :func:`~sim_backend.pixel.parameters.parameter`, gives the equation and its source in its docstring,
+    and implements :meth:`apply`. It knows no engine: it changes numbers of the chain and no more.
     """
 
     __slots__ = ()
 
     id: ClassVar[str]  #: the name in files
     stage: ClassVar[Stage]  #: where in the chain it acts
+    sign: ClassVar[str] = ""  #: one line on what it does to what can be measured
 
     def __post_init__(self) -> None:
         self.check_bounds(f"effect {self.id}")

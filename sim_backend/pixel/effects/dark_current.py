@@ -30,6 +30,7 @@ class DarkCurrent(Effect):
 
     id: ClassVar[str] = "dark_current"
     stage: ClassVar[Stage] = "photocurrent"
+    sign: ClassVar[str] = "The response curve moves to higher contrast as the light falls; nothing at high light."
 
     mean_fa: float = parameter("fA", (0.0, 1e4), 5.0, 0.0, "mean over the pixels")
     spread: float = parameter("1", (0.0, 3.0), 0.0, 0.0, "standard deviation of ln(I_dark) over the pixels")

@@ -19,10 +19,13 @@ class LightRiseTime(Effect):
     """The light follows its command as a first-order low-pass: ``dE/dt = (E_commanded - E) / tau``.
 
     10 % to 90 % of an edge take ``ln(9) tau = 2.2 tau``. Latencies grow by the same amount at every light.
+
+    Source: the first-order response of a driver with one time constant.
     """
 
     id: ClassVar[str] = "light_rise_time"
     stage: ClassVar[Stage] = "light"
+    sign: ClassVar[str] = "Latencies grow at every light by the same amount, more for small contrasts."
 
     tau_s: float = parameter("s", (0.0, 10.0), 5e-4, 0.0, "time constant")
 

@@ -19,10 +19,15 @@ class StrayLight(Effect):
     """Constant light that reaches the chip past source and ND filter: ``E <- E + E_stray``.
 
     In the pixel it is the same as a dark current of ``k E_stray``; only temperature or a lens cap tells them apart.
+
+    Source: the definition of light that passes neither source nor filter.
     """
 
     id: ClassVar[str] = "stray_light"
     stage: ClassVar[Stage] = "light"
+    sign: ClassVar[str] = (
+        "The response curve moves to higher contrast as the light falls, as with a dark current of k E_stray."
+    )
 
     illuminance_lux: float = parameter("lx", (0.0, 1e5), 0.05, 0.0, "illuminance on the chip with the source off")
 

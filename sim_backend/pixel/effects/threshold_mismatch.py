@@ -29,6 +29,9 @@ class ThresholdMismatch(Effect):
 
     id: ClassVar[str] = "threshold_mismatch"
     stage: ClassVar[Stage] = "comparators"
+    sign: ClassVar[str] = (
+        "The average curve is broad while each pixel's own is steep; more pulses do not narrow the spread of pixels."
+    )
 
     sigma_on: float = parameter("ln", (0.0, 1.0), 0.025, 0.0, "standard deviation of theta_on over the pixels")
     sigma_off: float = parameter("ln", (0.0, 1.0), 0.025, 0.0, "standard deviation of theta_off over the pixels")

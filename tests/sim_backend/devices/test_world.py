@@ -50,6 +50,26 @@ def test_light_is_told_from_the_start_of_a_recording() -> None:
     assert light.rise_tau_s == 1e-4
 
 
+def test_the_light_knows_the_filter_and_the_room() -> None:
+    bench = world(ambient_lux=0.02)
+    bench.set_filter("nd30", 3.0)
+    bench.clock.sleep(0.1)
+    start_ns = bench.clock.now_ns
+    bench.set_level(100.0)
+    bench.clock.sleep(0.1)
+    bench.set_filter("open", 0.0)
+    light = bench.light(start_ns)
+    np.testing.assert_allclose(light.t_s, [0.0, 0.0, 0.1])
+    np.testing.assert_allclose(light.lux, [0.02, 0.025, 5.02])
+    np.testing.assert_array_equal(light.nd_od, [3.0, 3.0, 0.0])
+    np.testing.assert_array_equal(light.room_lux, [0.02, 0.02, 0.02])
+    bench.clock.sleep(0.1)
+    bench.set_ambient("shrouded")
+    shrouded = bench.light(bench.clock.now_ns)
+    np.testing.assert_allclose(shrouded.lux, [5.0])
+    np.testing.assert_array_equal(shrouded.room_lux, [0.0])
+
+
 def test_a_step_at_the_very_start_of_a_recording_is_a_step() -> None:
     bench = world()
     bench.set_level(100.0)

@@ -50,7 +50,7 @@ def test_a_file_may_name_only_what_differs() -> None:
     ("data", "message"),
     [
         ({"effects": {"dark_curent": {}}}, "did you mean dark_current"),
-        ({"effects": {"zzz": {}}}, "known are dark_current"),
+        ({"effects": {"zzz": {}}}, "known are comparator_delay, "),
         ({"effects": {"dark_current": {"mean": 3}}}, "did you mean mean_fa"),
         ({"theta_onn": 0.3}, "did you mean theta_on"),
         ({"photoconversion": {"etta": 0.3}}, "did you mean eta"),
@@ -93,10 +93,12 @@ def test_every_effect_describes_itself(effect_id: str) -> None:
     assert cls.id == effect_id
     assert cls.stage in STAGES
     assert cls.__doc__
+    assert "Source:" in cls.__doc__
+    assert cls.sign.endswith(".")
     names = [f.name for f in dataclasses.fields(cls)]  # type: ignore[arg-type]
     assert [p.name for p in cls.parameters()] == names
     for p in cls.parameters():
-        assert p.bounds[0] <= p.default <= p.bounds[1]
+        assert p.default is None or p.bounds[0] <= p.default <= p.bounds[1]
         assert p.null is None or p.bounds[0] <= p.null <= p.bounds[1]
         assert p.unit
         assert p.doc
@@ -107,8 +109,9 @@ def test_every_effect_describes_itself(effect_id: str) -> None:
 def test_an_effect_at_its_null_value_leaves_the_chain_alone(effect_id: str) -> None:
     model = PixelModel()
     null = effect_class(effect_id).null()
-    same, changed = (build_chain(m, ROI, 1) for m in (model + null, model + effect_class(effect_id)()))
-    base = build_chain(model, ROI, 1)
+    roi = Roi(0, 0, 100, 50)  # large enough for a hot pixel
+    same, changed = (build_chain(m, roi, 1) for m in (model + null, model + effect_class(effect_id)()))
+    base = build_chain(model, roi, 1)
     differs = []
     for field in dataclasses.fields(base):
         before, after = getattr(base, field.name), getattr(same, field.name)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import operator
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -37,6 +39,24 @@ STEPS = LightHistory(
     np.array([0.0, 0.02, 0.0301, 0.06, 0.0817, 0.12]), np.array([0.3, 0.9, 0.2, 4.0, 0.0, 0.3]), rise_tau_s=7e-4
 )
 DURATION_S = 0.15
+#: Where the default is too weak for a small window, or needs something beside it.
+VISIBLE: dict[str, dict[str, float]] = {
+    "hot_pixels": {"fraction": 0.1, "rate_hz": 500.0},
+    "event_rate_limit": {"max_rate_eps": 1e4},
+    "leak": {"rate_per_s": 1.0},
+    "parasitic_photocurrent": {"rate_per_s_per_lux": 1.0},
+    "comparator_delay": {"delay_s": 1e-4},
+}
+#: Each effect at once; flicker and jitter make the order of events a test of its own.
+EVERYTHING = functools.reduce(
+    operator.add,
+    [
+        cls(**VISIBLE.get(name, {}))
+        for name, cls in effects().items()
+        if name not in {"dark_current", "threshold_mismatch"}
+    ],
+    BUSY,
+)
 
 
 def events_of(
@@ -150,11 +170,23 @@ def test_another_seed_gives_other_events_and_the_same_seed_the_same() -> None:
 @pytest.mark.parametrize("effect_id", sorted(effects()))
 def test_an_effect_at_its_null_value_changes_no_event(effect_id: str) -> None:
     base = PixelModel(noise_rms=0.09, corner_hz=300.0, refractory_s=2e-3)
-    light = LightHistory(STEPS.t_s, STEPS.lux)
+    if effect_id != "dark_current":
+        base += DarkCurrent()  # without it no one sees an error of the absolute light
+    light = LightHistory(STEPS.t_s, STEPS.lux, nd_od=3.0)
     expected = events_of(base, light=light)
     assert len(expected) > 100
     assert np.array_equal(events_of(base + effects()[effect_id].null(), light=light), expected)
-    assert not np.array_equal(events_of(base + effects()[effect_id](), light=light), expected)
+    visible = effects()[effect_id](**VISIBLE.get(effect_id, {}))
+    assert not np.array_equal(events_of(base + visible, light=light), expected)
+
+
+@pytest.mark.parametrize("effect_id", sorted(effects()))
+def test_an_effect_at_its_null_value_changes_no_event_of_a_pixel_with_all_the_others(effect_id: str) -> None:
+    base = EVERYTHING.without(effect_id)
+    light = LightHistory(STEPS.t_s, STEPS.lux, nd_od=3.0)
+    expected = events_of(base, light=light, duration_s=0.05)
+    assert len(expected) > 100
+    assert np.array_equal(events_of(base + effects()[effect_id].null(), light=light, duration_s=0.05), expected)
 
 
 def test_the_rise_time_is_the_same_from_the_light_and_from_the_model() -> None:

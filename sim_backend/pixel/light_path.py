@@ -1,0 +1,96 @@
+"""The light on the chip: what was commanded, and what source, filter and surroundings make of it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from protocols.errors import InputError
+from sim_backend.pixel.light import LightHistory, LightSampler
+from sim_backend.pixel.philox import uniforms
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sim_backend.pixel.chain import Chain
+
+__all__ = ["ChipLight"]
+
+_PURPOSE_FLICKER = 16  # of the random number that is the phase of the flicker; engines use lower ones
+
+
+class ChipLight:
+    """The illuminance on the chip at the times ``n dt``, with everything that the chain does to it.
+
+    In this order: commanded level with the error of its contrast, rise time, drift, flicker, error of the ND filter;
+    then light of the room and stray light, which none of these changes.
+
+    Parameters
+    ----------
+    chain
+        Of the pixels; its light part is used.
+    light
+        The commanded levels.
+    dt_s
+        Length of a sample, s.
+    seed
+        Of the recording; draws the phase of the flicker, where the chain leaves it open.
+
+    Raises
+    ------
+    InputError
+        Both light and chain have a rise time.
+    """
+
+    def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
+        self._chain = chain
+        self._dt_s = dt_s
+        self._sampler = LightSampler(_commanded(chain, light), dt_s)
+        self._room_lux = np.asarray(light.room_lux)
+        self._nd_factor = np.where(np.asarray(light.nd_od) > 0.0, math.pow(10.0, -chain.nd_error_od), 1.0)
+        drawn = 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])
+        self._phase = drawn if chain.flicker_phase is None else chain.flicker_phase
+
+    def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
+        """Return the illuminance at the samples `start` to `stop` - 1, lux."""
+        lux = self._sampler.lux(start, stop)
+        factor = self._factor(start, stop)
+        if factor is not None:
+            room = self._room_lux[self._sampler.segments(start, stop)]
+            lux = np.where(lux > room, lux - room, 0.0) * factor + room
+        return lux + self._chain.stray_lux
+
+    def _factor(self, start: int, stop: int) -> npt.NDArray[np.float64] | None:
+        """Return what source and filter make of the source's light; None: they leave it as it is."""
+        chain = self._chain
+        if chain.drift_per_s == chain.flicker_depth == chain.nd_error_od == 0.0:
+            return None
+        t_s = np.arange(start, stop) * self._dt_s
+        turns = np.remainder(chain.flicker_hz * t_s, 1.0)
+        drift = np.maximum(1.0 + chain.drift_per_s * t_s, 0.0)
+        flicker = 1.0 + chain.flicker_depth * np.sin(2.0 * math.pi * turns + self._phase)
+        return np.asarray(drift * flicker * self._nd_factor[self._sampler.segments(start, stop)])
+
+
+def _commanded(chain: Chain, light: LightHistory) -> LightHistory:
+    """Return the commanded levels with the error of their contrast, and the rise time of the source."""
+    if chain.rise_tau_s > 0.0 and light.rise_tau_s > 0.0:
+        raise InputError(
+            f"light: the source's rise time ({light.rise_tau_s:g} s) and the model's ({chain.rise_tau_s:g} s) are "
+            "both given; expected one"
+        )
+    rise_tau_s = max(chain.rise_tau_s, light.rise_tau_s)
+    return LightHistory(light.t_s, _with_contrast(chain, light), rise_tau_s, light.nd_od, light.room_lux)
+
+
+def _with_contrast(chain: Chain, light: LightHistory) -> npt.NDArray[np.float64]:
+    """Return the levels; those of the source with the true contrast to the first that is lit."""
+    source = light.lux - light.room_lux
+    first = int(np.searchsorted(light.t_s, 0.0, side="right")) - 1  # of several levels at t = 0 the last counts
+    lit = source > 0.0
+    if chain.contrast_gain == 1.0 or not np.any(lit[first:]):
+        return light.lux
+    baseline = source[first:][lit[first:]][0]
+    return np.where(lit, baseline * (source / baseline) ** chain.contrast_gain, 0.0) + light.room_lux
