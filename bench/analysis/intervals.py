@@ -19,7 +19,7 @@ COVERAGE: Final = 0.90
 _TAIL: Final = 0.5 * (1.0 - COVERAGE)
 
 
-def share_interval(answers: npt.NDArray[np.int64], trials: npt.NDArray[np.int64]) -> tuple[float, float, float]:
+def share_interval(answers: npt.NDArray[np.integer], trials: npt.NDArray[np.int64]) -> tuple[float, float, float]:
     """Return a share with its 90 % interval, from the answers of each pixel.
 
     The variance between pixels gives an effective number of independent trials, at least one and at most `trials`

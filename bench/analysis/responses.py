@@ -37,7 +37,8 @@ def latency_edges(window_s: float) -> npt.NDArray[np.float64]:
 def response_row(entry: Entry, key: CurveKey) -> ResponseRow:
     """Return the row of the response table for one group of test pulses of one point."""
     tally = entry.tally
-    answers = tally.answers[entry.active]
+    # No copy where all pixels count: on a full sensor the copies of all points would fill the memory.
+    answers = tally.answers if entry.active.all() else tally.answers[entry.active]
     pulses, pixels = tally.test.pulses, int(answers.size)
     probability, low, high = share_interval(answers, np.full(pixels, pulses, np.int64))
     edges = latency_edges(tally.test.window_s)

@@ -64,7 +64,7 @@ class ResponseRow:
     high: float
     events_per_pulse: float  #: events of the pulse's polarity in its window, per pixel and pulse
     answered_resets: float  #: share of pixel-resets that fired the re-arming polarity; NaN without resets
-    per_pixel: npt.NDArray[np.int64]  #: (pixels,) responses of each pixel, row by row of the window
+    per_pixel: npt.NDArray[np.integer]  #: (pixels,) responses of each pixel, row by row of the window
     latency_edges_s: npt.NDArray[np.float64]  #: (b + 1,)
     latency_counts: npt.NDArray[np.int64]  #: (b,) first events of the pulse's polarity after its edge
     latency_median_s: float

@@ -25,14 +25,14 @@ class GroupTally:
     """The answers to the test pulses of one group. Arrays cover the whole window of pixels, masked ones as zero."""
 
     test: TestGroup
-    answers: npt.NDArray[np.int64]  #: (pixels,) pulses answered
+    answers: npt.NDArray[np.integer]  #: (pixels,) pulses answered
     events: int  #: events in the response windows
-    given: npt.NDArray[np.int64]  #: (pixels,) pulses whose predecessor, of the other polarity, was answered
-    followed: npt.NDArray[np.int64]  #: (pixels,) those of them that were answered too
-    latencies: npt.NDArray[np.int64]  #: (bins,) first events by latency
+    given: npt.NDArray[np.integer]  #: (pixels,) pulses whose predecessor, of the other polarity, was answered
+    followed: npt.NDArray[np.integer]  #: (pixels,) those of them that were answered too
+    latencies: npt.NDArray[np.integer]  #: (bins,) first events by latency
     latency_bin_us: int  #: width of a bin
     resets: int  #: resets before these pulses
-    rearmed: npt.NDArray[np.int64]  #: (pixels,) resets that were answered
+    rearmed: npt.NDArray[np.integer]  #: (pixels,) resets that were answered
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,8 @@ class PointTally:
     outside: int  #: events outside the window of pixels, which are not counted
     left_out: int  #: pulses that do not count
     overlapping: bool  #: response windows of one polarity overlap
+    late: int  #: events after the end of the recording, which are not counted
+    first_half: npt.NDArray[np.int64]  #: (pixels,) those of `pixel_events` in the first half of the recording
 
 
 class _Counter:
@@ -147,17 +149,23 @@ def tally_point(point: PointData, chunk: int = 1_000_000) -> PointTally:
     answered = _Counter(tests, len(tests.groups), roi.pixels, latencies=True)
     rearmed = _Counter(resets, len(tests.groups), roi.pixels, latencies=False)
     pixel_events = np.zeros((2, roi.pixels), np.int64)
-    outside = 0
+    first_half = np.zeros(roi.pixels, np.int64)
+    outside = late = 0
+    # A recording may end with its last event: that one belongs to it.
+    end_us = round(point.duration_s * 1e6)
     for events in point.events(chunk):
         x, y = events["x"].astype(np.int64) - roi.x, events["y"].astype(np.int64) - roi.y
         inside = (x >= 0) & (x < roi.width) & (y >= 0) & (y < roi.height)
         outside += int(inside.size - np.count_nonzero(inside))
+        after = events["t"] > end_us
+        late += int(np.count_nonzero(after))
         pixel = y * roi.width + x
         pixel[~inside] = 0
-        keep = inside & active[pixel] & _outside_gaps(events["t"], point.gaps_s)
+        keep = inside & ~after & active[pixel] & _outside_gaps(events["t"], point.gaps_s)
         t_us, p, pixel = events["t"][keep], events["p"][keep], pixel[keep]
         for polarity in (0, 1):
             pixel_events[polarity] += np.bincount(pixel[p == polarity], minlength=roi.pixels)
+        first_half += np.bincount(pixel[t_us < end_us // 2], minlength=roi.pixels)
         answered.add(t_us, p, pixel)
         rearmed.add(t_us, p, pixel)
     return PointTally(
@@ -168,6 +176,8 @@ def tally_point(point: PointData, chunk: int = 1_000_000) -> PointTally:
         outside=outside,
         left_out=tests.left_out,
         overlapping=tests.overlapping,
+        late=late,
+        first_half=first_half,
     )
 
 

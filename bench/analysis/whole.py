@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sized
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from bench.analysis.background import background_rows
+from bench.analysis.background import background_rows, drift_warnings
+from bench.analysis.compact import compact
 from bench.analysis.curves import REARMED_ENOUGH, make_curves
 from bench.analysis.grouping import Entry, curve_keys, settings_labels
 from bench.analysis.responses import response_row
@@ -46,12 +48,14 @@ class _Collected:
 
     def __init__(self) -> None:
         self.entries: list[Entry] = []
-        self.constant: list[tuple[PointData, PointTally]] = []
+        self.constant: list[tuple[dict[str, float], tuple[BackgroundRow, ...]]] = []
+        self._active: npt.NDArray[np.bool_] = np.empty(0, np.bool_)
         self.maps: dict[Roi, npt.NDArray[np.int64]] = {}
         self.warnings: list[str] = []
 
     def add(self, point: PointData, tally: PointTally) -> None:
         """Take the counts of one point in."""
+        active = self._shared(tally.active)
         for group in tally.groups:
             self.entries.append(
                 Entry(
@@ -61,22 +65,31 @@ class _Collected:
                     nd_od=point.nd_od,
                     bias=point.bias,
                     roi=point.roi,
-                    active=tally.active,
-                    tally=group,
+                    active=active,
+                    tally=compact(group, square=point.waveform == "square"),
                 )
             )
         if point.waveform == "constant":
-            self.constant.append((point, tally))
+            self.constant.append((point.bias, background_rows(point, tally, "")))
+            self.warnings.extend(f"point {point.index}: {text}" for text in drift_warnings(point, tally))
         elif not tally.groups:
             self.warnings.append(f"point {point.index}: no test pulse can be used")
         self.maps.setdefault(point.roi, np.zeros(point.roi.pixels, np.int64))
         self.maps[point.roi] += tally.pixel_events.sum(axis=0)
         self.warnings.extend(f"point {point.index}: {text}" for text in _point_warnings(tally))
 
+    def _shared(self, active: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return the array of the point before where it says the same: most points have the same pixels."""
+        if not np.array_equal(active, self._active):
+            self._active = active
+        return self._active
+
 
 def _point_warnings(tally: PointTally) -> Iterator[str]:
     if tally.outside:
         yield f"{tally.outside} events lie outside the window of pixels and are not counted"
+    if tally.late:
+        yield f"{tally.late} events lie after the end of the recording and are not counted"
     if tally.left_out:
         yield f"{tally.left_out} test pulses are not counted: marked as not valid, in a gap of the data, or cut off"
     if tally.overlapping:
@@ -123,7 +136,7 @@ def analyze(
     for done, point in enumerate(run.points()):
         tell(done, total)
         collected.add(point, tally_point(point, chunk))
-    labels = settings_labels([e.bias for e in collected.entries] + [p.bias for p, _ in collected.constant])
+    labels = settings_labels([e.bias for e in collected.entries] + [bias for bias, _ in collected.constant])
     keys = curve_keys(collected.entries, labels[: len(collected.entries)])
     rows = tuple(response_row(e, key) for e, key in zip(collected.entries, keys, strict=True))
     curves, maps = make_curves(
@@ -153,11 +166,12 @@ def _noisy_pixel() -> ThetaFitter:
     return fit_theta
 
 
-def _background(constant: Sequence[tuple[PointData, PointTally]], labels: Sequence[str]) -> tuple[BackgroundRow, ...]:
+def _background(
+    constant: Sequence[tuple[dict[str, float], tuple[BackgroundRow, ...]]], labels: Sequence[str]
+) -> tuple[BackgroundRow, ...]:
+    """Return the background rows with the labels of their settings, which only the whole run tells."""
     return tuple(
-        row
-        for (point, tally), label in zip(constant, labels, strict=True)
-        for row in background_rows(point, tally, label)
+        replace(row, settings=label) for (_, rows), label in zip(constant, labels, strict=True) for row in rows
     )
 
 

@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from bench.importing.from_events import EventClock, find_offset
+from bench.importing.point_file import carried_over, shift_s
 from bench.importing.schema import PointSection, RecordingsFile
 from bench.importing.stimulus import Light, light_of
 from bench.importing.stream import Source, open_source, rebased
+from bench.logs import log_into
 from bench.run.alignment import align_to_triggers, moved_windows
 from bench.run.runner import new_run_id
 from bench.run.software import software_versions
@@ -37,6 +39,7 @@ __all__ = ["RECORDINGS_FILE", "import_folder"]
 
 _log = logging.getLogger("evs_bench.importing")
 RECORDINGS_FILE: Final = "recordings.yaml"
+LOG_FILE: Final = "evs-bench.log"
 
 _KEPT: Final = ("protocol", "protocol_text", "station", "software")
 _ATTRIBUTES: Final = (
@@ -71,7 +74,7 @@ def import_folder(folder: Path | str, out: Path | str) -> Path:
         raise RunError(f"{out}: exists already, and a run never overwrites; choose another name")
     part = out.with_name(f".{out.name}.{os.getpid()}{PART_SUFFIX}")
     try:
-        with RunWriter(part, _header(file)) as writer:
+        with RunWriter(part, _header(file)) as writer, log_into(part / LOG_FILE):
             writer.note("run_started", points=len(sources))
             for index, (section, source) in enumerate(zip(file.points, sources, strict=True)):
                 _take(index, section, source, file, writer)
@@ -154,22 +157,31 @@ def _read_through(source: Source, section: PointSection, point: PointWriter, roi
 
 
 def _duration_s(section: PointSection, source: Source) -> float:
-    if section.duration_s is not None:
-        return section.duration_s
+    """Return the length of what was taken, s; what is said of it must not be longer than what was recorded."""
+    known_s = section.duration_s
+    if known_s is None and source.point is not None:
+        known_s = source.point.duration_s - (section.start_us or 0) / 1e6
     if section.time_window_s is not None:
-        return section.time_window_s[1] - section.time_window_s[0]
-    return source.last_us / 1e6
+        begin_s, end_s = section.time_window_s
+        recorded_s = source.end_us / 1e6 if known_s is None else known_s
+        if end_s > recorded_s:
+            raise InputError(
+                f"{source.path}: time_window_s ends at {end_s:g} s, but the recording ends at {recorded_s:g} s; if "
+                "it was longer, and only its last events came earlier, say how long in duration_s"
+            )
+        return end_s - begin_s
+    return source.last_us / 1e6 if known_s is None else known_s
 
 
 def _record(index: int, section: PointSection, source: Source, found: _Found) -> PointRecord:
     light = light_of(section)
     quality: dict[str, Any] = dict(source.quality())
     stimulus, pulses, more = _placed(section, light, source, found, quality)
-    for name in ("backward", "outside_roi", "edges_without_trigger", "windows_outside"):
+    for name in ("backward", "outside_roi", "after_end", "edges_without_trigger", "windows_outside"):
         if quality.get(name):
             _log.warning("%s: %s: %d", source.path, name.replace("_", " "), quality[name])
     known = {name: getattr(section, name) for name in _ATTRIBUTES}
-    return PointRecord(
+    record = PointRecord(
         index=index,
         waveform=section.waveform,
         polarity=section.polarity,
@@ -185,6 +197,7 @@ def _record(index: int, section: PointSection, source: Source, found: _Found) ->
         bias=dict(section.bias),
         quality=quality,
     )
+    return record if source.point is None else carried_over(record, source.point, shift_s(section))
 
 
 def _placed(

@@ -161,7 +161,7 @@ class PointSection(FrozenModel):
     time_window_s: tuple[WaitingTime, Seconds] | None = None
     """Begin and end (s after the start) of what is taken; its begin becomes 0. All if left out."""
     duration_s: Seconds | None = None
-    """Length of the recording, s; until its last event or trigger if left out."""
+    """Length of the whole recording, s; what comes later is cut. Until its last event or trigger if left out."""
     trigger_channel: Annotated[int, Field(strict=True, ge=0, le=255)] | None = None
     """The trigger input that counts; all if left out."""
     bias: dict[str, Number] = Field(default_factory=dict)
@@ -247,6 +247,8 @@ def _levels_of(point: PointSection) -> dict[str, float]:
 def _time_problem(point: PointSection) -> tuple[tuple[str, ...], str] | None:
     if point.time_window_s is not None and point.time_window_s[1] <= point.time_window_s[0]:
         return ("time_window_s",), "must end later than it begins"
+    if point.time_window_s is not None and point.duration_s is not None and point.time_window_s[1] > point.duration_s:
+        return ("time_window_s",), f"ends after the recording, whose duration_s is {point.duration_s:g}"
     if point.align != "edges_known" and point.waveform == "constant":
         return ("align",), "a constant point has no edges to align"
     return None

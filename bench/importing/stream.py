@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.importing.point_file import quality_of, refuse_what_is_lost
 from bench.store.probe import probe
 from bench.store.reader import read_events, read_point
 from drivers.events.raw import Recording, open_recording
 from drivers.events.types import TRIGGER_DTYPE, EventChunk, empty_events, empty_triggers
+from protocols.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     import numpy.typing as npt
 
     from bench.importing.schema import PointSection, RecordingsFile
+    from bench.store.data import PointData
     from protocols.points import Roi
 
 __all__ = ["Source", "open_source", "rebased"]
@@ -36,10 +39,14 @@ class Source:
     chunks: Iterator[EventChunk]
     counts: Counter[str] = field(default_factory=Counter)  #: becomes the attributes of `/quality`
     last_us: int = 0  #: latest event or trigger, on the new time axis
+    end_us: int = 0  #: latest event or trigger, cut or not, since the start of the recording
     recording: Recording | None = None  #: None for a point file
+    point: PointData | None = None  #: what a point file says
 
-    def quality(self) -> dict[str, int]:
+    def quality(self) -> dict[str, Any]:
         """Return what is known of the completeness of the recording, once it was read to its end."""
+        if self.point is not None:
+            return quality_of(self.point, self.counts)
         violations = self.recording.violations if self.recording else {}
         broken = {f"violation_{name}".replace(" ", "_"): n for name, n in violations.items() if n}
         return (
@@ -55,12 +62,16 @@ def open_source(folder: Path, section: PointSection, file: RecordingsFile) -> So
     Raises
     ------
     InputError
-        If it is not there, or its format is not known.
+        If it is not there or not within `folder`, or its format is not known.
     """
     path = folder / section.file
+    if Path(section.file).is_absolute() or not path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{section.file}: leads outside the folder of the recordings; copy the recording into it")
     if path.suffix.lower() in _HDF5:
         probe([path])
-        return Source(path, _of_point_file(path, file.roi.to_roi()))
+        point = read_point(path, file.roi.to_roi())
+        refuse_what_is_lost(point)
+        return Source(path, _of_point_file(point), point=point)
     # The header of a recording knows the size of its sensor; a file of bare words is told it.
     recording = open_recording(path, format=section.format)
     if recording.width is None:
@@ -70,23 +81,22 @@ def open_source(folder: Path, section: PointSection, file: RecordingsFile) -> So
     return Source(path, recording.chunks(), recording=recording)
 
 
-def _of_point_file(path: Path, roi: Roi) -> Iterator[EventChunk]:
-    point = read_point(path, roi)
+def _of_point_file(point: PointData) -> Iterator[EventChunk]:
     triggers = np.zeros(len(point.triggers_t_us), TRIGGER_DTYPE)
     triggers["t"], triggers["p"] = point.triggers_t_us, point.triggers_p
     yield EventChunk(empty_events(), triggers)
-    for events in read_events(path):
+    for events in read_events(point.path):
         yield EventChunk(events, empty_triggers())
 
 
 def rebased(source: Source, section: PointSection, roi: Roi) -> Iterator[EventChunk]:
     """Yield the stream of `source` as it is stored: times from 0, inside window and time window, in order of time.
 
-    What is left out is counted in `source.counts`: `before_start` and `after_end` (of the time window),
-    `outside_roi`, and `backward` (events or triggers earlier than one that came before them).
+    What is left out is counted in `source.counts`: `before_start` and `after_end` (of the time window or the
+    recording), `outside_roi`, and `backward` (events or triggers earlier than one that came before them).
     """
     start_us = 0 if source.recording is None and section.start_us is None else section.start_us
-    begin_us, end_us = 0, None
+    begin_us, end_us = 0, None if section.duration_s is None else round(section.duration_s * _US_PER_S)
     if section.time_window_s is not None:
         begin_us, end_us = (round(t * _US_PER_S) for t in section.time_window_s)
     latest = {"events": 0, "triggers": 0}
@@ -94,6 +104,8 @@ def rebased(source: Source, section: PointSection, roi: Roi) -> Iterator[EventCh
         if start_us is None:
             start_us = _first_us(chunk)
         zero_us = start_us + begin_us
+        ends_us = [int(part["t"].max()) for part in (chunk.events, chunk.triggers) if len(part)]
+        source.end_us = max(source.end_us, max(ends_us, default=start_us) - start_us)
         length_us = None if end_us is None else end_us - begin_us
         events = _in_time(source, chunk.events, zero_us, length_us, "events", latest)
         triggers = _in_time(source, chunk.triggers, zero_us, length_us, "triggers", latest)

@@ -38,24 +38,32 @@ class Dataset:
     columns: int = 0  #: 0 for a vector, else the number of columns
 
 
+# The format fixes no spelling of the units: what other tools write for the same unit is read too. The Greek mu and
+# the sign for micro are different characters.
+_US: Final = ("us", "\u00b5s", "\u03bcs", "usec", "microsecond", "microseconds")
+_S: Final = ("s", "sec", "second", "seconds")
+_LUX: Final = ("lux", "lx")
+_PIXEL: Final = ("pixel", "pixels", "px")
+_ONE: Final = ("1", "", "dimensionless")
+
 EVENT_DATASETS: Final = (
-    Dataset("events/t", "int64", ("us",)),
-    Dataset("events/x", "uint16", ("pixel",)),
-    Dataset("events/y", "uint16", ("pixel",)),
-    Dataset("events/p", "uint8", ("1",)),
+    Dataset("events/t", "int64", _US),
+    Dataset("events/x", "uint16", _PIXEL),
+    Dataset("events/y", "uint16", _PIXEL),
+    Dataset("events/p", "uint8", _ONE),
 )
-STIMULUS_T: Final = Dataset("stimulus/t", "float64", ("s",))
-STIMULUS_LUX: Final = Dataset("stimulus/illuminance", "float64", ("lux",))
-STIMULUS_TRIGGER: Final = Dataset("stimulus/trigger", "int64", ("1",))
-PULSE_START: Final = Dataset("pulses/start", "float64", ("s",))
-PULSE_STOP: Final = Dataset("pulses/stop", "float64", ("s",))
-PULSE_KIND: Final = Dataset("pulses/kind", "uint8", ("1",))
-PULSE_VALID: Final = Dataset("pulses/valid", "uint8", ("1",))
-PULSE_CONTRAST: Final = Dataset("pulses/log_contrast", "float64", ("1", "ln"))
-TRIGGER_T: Final = Dataset("triggers/t", "int64", ("us",))
-TRIGGER_P: Final = Dataset("triggers/p", "uint8", ("1",))
-GAPS: Final = Dataset("quality/gaps", "float64", ("s",), columns=2)
-MASKED: Final = Dataset("pixels/masked", "uint16", ("pixel",), columns=2)
+STIMULUS_T: Final = Dataset("stimulus/t", "float64", _S)
+STIMULUS_LUX: Final = Dataset("stimulus/illuminance", "float64", _LUX)
+STIMULUS_TRIGGER: Final = Dataset("stimulus/trigger", "int64", _ONE)
+PULSE_START: Final = Dataset("pulses/start", "float64", _S)
+PULSE_STOP: Final = Dataset("pulses/stop", "float64", _S)
+PULSE_KIND: Final = Dataset("pulses/kind", "uint8", _ONE)
+PULSE_VALID: Final = Dataset("pulses/valid", "uint8", _ONE)
+PULSE_CONTRAST: Final = Dataset("pulses/log_contrast", "float64", (*_ONE, "ln"))
+TRIGGER_T: Final = Dataset("triggers/t", "int64", _US)
+TRIGGER_P: Final = Dataset("triggers/p", "uint8", _ONE)
+GAPS: Final = Dataset("quality/gaps", "float64", _S, columns=2)
+MASKED: Final = Dataset("pixels/masked", "uint16", _PIXEL, columns=2)
 
 REQUIRED: Final = (
     *EVENT_DATASETS,

@@ -68,8 +68,10 @@ def _state(path: Path) -> tuple[str, int, int]:
 def _read_in_child(paths: Sequence[Path]) -> tuple[int, str]:
     """Return how many of `paths`, in order, a child process could read, and what happened then."""
     limit_s = _START_S + sum(path.stat().st_size for path in paths) / _SLOWEST_BYTES_PER_S
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p or "." for p in sys.path)}
-    command = [sys.executable, "-c", "from bench.store.probe import child; child()"]
+    # Never from the folder in which the command was started: a file there may have the name of one of our packages.
+    own = str(Path(__file__).resolve().parents[2])
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*filter(None, sys.path), own])}
+    command = [sys.executable, "-P", "-c", "from bench.store.probe import child; child()"]
     names = json.dumps([str(path.resolve()) for path in paths]).encode()
     try:
         done = subprocess.run(  # noqa: S603 - our own interpreter and our own code

@@ -7,6 +7,7 @@ and the dataset. What the format does not know is kept (root attributes) or igno
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 from typing import TYPE_CHECKING, Any, Final, cast, get_args
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["read_events", "read_point"]
 
+_log = logging.getLogger("evs_bench.store")
 _REQUIRED: Final = object()
 #: What h5py raises on damaged files, depending on where the damage is.
 _DAMAGE: Final = (OSError, KeyError, RuntimeError, ValueError, TypeError, OverflowError, MemoryError, AttributeError)
@@ -81,6 +83,7 @@ class _Reader:
     def point(self, roi: Roi) -> PointData:
         """Return the whole description."""
         layout.check_format(self.attributes.get("format"), layout.POINT_FORMAT, str(self.path))
+        self.note_missing_units()
         log_contrast = self.number("log_contrast", lowest=0.0)
         n_events = self.event_count()
         pulses = self.pulses(log_contrast)
@@ -110,6 +113,13 @@ class _Reader:
             attributes=self.attributes,
             **pulses,
         )
+
+    def note_missing_units(self) -> None:
+        """Log which datasets do not tell their units; they are taken for those of the format."""
+        bare = [d for d in layout.REQUIRED if d.path in self.file and "units" not in self.file[d.path].attrs]
+        if bare:
+            taken = ", ".join(f"/{d.path} ({d.units[0]})" for d in bare)
+            _log.warning("%s: datasets without units, taken for those of the format: %s", self.path, taken)
 
     # Attributes of the file.
 
@@ -263,7 +273,7 @@ def checked(path: Path, dataset: Any, spec: Dataset) -> Any:
     if len(shape) != (2 if spec.columns else 1) or (spec.columns and shape[1] != spec.columns):
         raise RunError(f"{name} has the shape {shape}, expected {expected}")
     units = _plain(dataset.attrs.get("units"))
-    if units not in spec.units:
+    if units is not None and units not in spec.units:
         raise RunError(f"{name} has the units {units!r}, expected {spec.units[0]!r}")
     return dataset
 

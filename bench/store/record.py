@@ -58,3 +58,4 @@ class PointRecord:
     bias: dict[str, float] = field(default_factory=dict)  #: settings as read back
     quality: dict[str, Any] = field(default_factory=dict)  #: attributes of `/quality`
     gaps_s: tuple[tuple[float, float], ...] = ()
+    masked: npt.NDArray[np.uint16] | None = None  #: (n, 2) x, y of pixels that were switched off; None if none

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from bench.analysis import analyze
+from bench.analysis.compact import compact
 from bench.analysis.responses import latency_edges
 from bench.analysis.results import Analysis, ResponseRow
+from bench.analysis.tally import tally_point
 from bench.store import Run
 
 if TYPE_CHECKING:
@@ -44,7 +46,9 @@ def test_practice_run_is_read_whole(practice: Run, practice_result: Analysis) ->
     squares = [p for p in points if p.waveform == "square"]
     assert len(practice_result.responses) == 2 * len(squares)
     assert len(practice_result.background) == 2 * (len(points) - len(squares))
-    assert not [w for w in practice_result.warnings if w.startswith("point")]
+    # Its references settle at the beginning: the rate in the dark falls, and nothing else is to be said.
+    told = [w for w in practice_result.warnings if w.startswith("point")]
+    assert all("the rate falls during the recording" in w for w in told)
 
 
 def test_practice_curves_show_the_on_threshold_with_both_polarities(practice_result: Analysis) -> None:
@@ -209,3 +213,36 @@ def test_latency_edges_are_shared_and_end_with_the_window() -> None:
     np.testing.assert_array_equal(short[1:-1], long[1 : short.size - 1])
     assert np.all(np.diff(long) > 0)
     assert long * 1e6 == pytest.approx(np.round(long * 1e6), abs=1e-6)
+
+
+@pytest.mark.parametrize(("second_half", "words"), [(1, ["falls"]), (9, ["rises"]), (4, [])])
+def test_a_rate_that_changes_during_the_recording_is_told(
+    point: Any, run: Any, events: Any, second_half: int, words: list[str]
+) -> None:
+    pixels = [(x, y) for x in range(100, 104) for y in range(50, 53)]
+    rows = [(1000 * i, x, y, 1) for x, y in pixels for i in range(3 + x % 3)]
+    rows += [(6_000_000 + 1000 * i, x, y, 1) for x, y in pixels for i in range(second_half + x % 2 - y % 2)]
+    warnings = _analysed(run(point(stored=events(rows)))).warnings
+    assert [w.split()[4] for w in warnings if "during the recording" in w] == words
+
+
+def test_a_rate_of_single_busy_pixels_is_not_told(point: Any, run: Any, events: Any) -> None:
+    rows = [(1000 * i, 100, 50, 1) for i in range(1000)]
+    assert not _analysed(run(point(stored=events(rows)))).warnings
+
+
+def test_events_after_the_end_are_told_and_not_counted(point: Any, run: Any, events: Any) -> None:
+    found = _analysed(run(point(stored=events([(1_000_000, 100, 50, 1), (10_000_001, 100, 50, 1)]))))
+    assert sum(row.events for row in found.background) == 1
+    assert any("1 events lie after the end" in w for w in found.warnings)
+
+
+def test_what_is_kept_of_a_point_is_small(reset_test: Any, square: Any, run: Any, events: Any) -> None:
+    stored = events([(610_000, 100, 50, 1)])
+    kept = _analysed(run(reset_test(stored=stored), square(stored=stored, index=1))).responses
+    assert {row.per_pixel.dtype.itemsize for row in kept} == {1}
+    tally = compact(tally_point(reset_test(stored=stored)).groups[0], square=False)
+    arrays = (tally.answers, tally.given, tally.followed, tally.rearmed)
+    assert [array.strides[0] for array in arrays] == [1, 0, 0, 0]
+    assert tally.latencies.size == 10_001
+    assert tally.answers.sum() == tally.latencies.sum() == 1

@@ -10,7 +10,9 @@ import h5py
 import numpy as np
 import pytest
 import yaml
+from click.testing import CliRunner
 
+from bench.commands.import_ import command
 from bench.importing import import_folder
 from bench.importing.from_events import EventClock
 from bench.store import PointData, Run, RunError
@@ -298,7 +300,7 @@ def test_a_folder_without_a_description(tmp_path: Path) -> None:
 def test_a_damaged_point_file_is_one_line(square: PointData, tmp_path: Path) -> None:
     folder = _describe(tmp_path / "in", {**CONSTANT, "file": "p.h5"})
     (folder / "p.h5").write_bytes(square.path.read_bytes()[:5000])
-    with pytest.raises(RunError, match=r"p\.h5: damaged"):
+    with pytest.raises(InputError, match=r"p\.h5: damaged"):
         import_folder(folder, tmp_path / "out")
     assert _nothing_left(tmp_path)
 
@@ -312,4 +314,82 @@ def test_a_level_may_be_told_twice_if_both_agree(told_lux: float, fits: bool, tm
         assert _imported(folder, tmp_path / "out").baseline_lux == 10.0
         return
     with pytest.raises(InputError, match="baseline_lux: is 11, but the stimulus gives 10"):
+        import_folder(folder, tmp_path / "out")
+
+
+def test_a_duration_cuts_what_comes_later(tmp_path: Path) -> None:
+    folder = _describe(tmp_path / "in", {**CONSTANT, "file": "r.raw", "start_us": 0, "duration_s": 0.1})
+    _recording(folder / "r.raw", [1000, 99_999, 100_000, 2_000_000], [600] * 4, [(50_000, 1, 0), (150_000, 1, 0)])
+    point = _imported(folder, tmp_path / "out")
+    assert next(point.events())["t"].tolist() == [1000, 99_999]
+    assert point.triggers_t_us.tolist() == [50_000]
+    assert point.quality["after_end"] == 3
+    assert "after end: 3" in (tmp_path / "out/evs-bench.log").read_text()
+
+
+def test_a_time_window_ends_within_the_recording(tmp_path: Path) -> None:
+    section = {**CONSTANT, "file": "r.raw", "start_us": 0, "time_window_s": [0.0, 100.0]}
+    folder = _describe(tmp_path / "in", section)
+    _recording(folder / "r.raw", [1000, 2_000_000], [600] * 2, [])
+    with pytest.raises(InputError, match="ends at 100 s, but the recording ends at 2 s"):
+        import_folder(folder, tmp_path / "out")
+    _describe(folder, {**section, "duration_s": 100.0})
+    assert _imported(folder, tmp_path / "out").duration_s == 100.0
+
+
+def test_a_recording_outside_the_folder_is_refused(tmp_path: Path) -> None:
+    _recording(tmp_path / "r.raw", [1000], [600], [])
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "link.raw").symlink_to(tmp_path / "r.raw")
+    names = ("../r.raw", str(tmp_path / "r.raw"), "link.raw")
+    _describe(folder, *({**CONSTANT, "file": name, "duration_s": 1.0} for name in names))
+    with pytest.raises(InputError) as error:
+        import_folder(folder, tmp_path / "out")
+    assert [("leads outside" in str(problem)) for problem in error.value.problems] == [True] * 3
+
+
+def test_marks_of_bad_data_are_carried_over(square: PointData, tmp_path: Path) -> None:
+    window = [0.1, square.duration_s]
+    section = _square_section(square, align="trigger", time_window_s=window, bias={"b": 2.0})
+    folder = _describe(tmp_path / "in", section)
+    shutil.copy(square.path, folder / "p.h5")
+    valid = np.ones(len(square.pulse_start_s), np.uint8)
+    valid[4] = 0
+    with h5py.File(folder / "p.h5", "r+") as file:
+        for name in ("quality/gaps", "pixels/masked", "pulses/valid"):
+            if name in file:
+                del file[name]
+        file.create_dataset("quality/gaps", data=[[0.05, 0.2], [0.4, 0.5]]).attrs["units"] = "s"
+        file.create_dataset("pixels/masked", data=np.array([[3, 4]], np.uint16)).attrs["units"] = "pixel"
+        file.create_dataset("pulses/valid", data=valid).attrs["units"] = "1"
+        file["quality"].attrs["decode_errors"] = 7
+        file.require_group("bias").attrs.update({"a": 1.0, "b": 1.0})
+        file.attrs.update({"seed": 5, "ambient": "capped", "temperature_c": 31.0})
+    point = _imported(folder, tmp_path / "out")
+    np.testing.assert_allclose(point.gaps_s, [[0.0, 0.1], [0.3, 0.4]])
+    assert point.masked.tolist() == [[3, 4]]
+    bad = point.pulse_start_s[~point.pulse_valid]
+    np.testing.assert_allclose(bad, square.pulse_start_s[[4]] - 0.1, atol=1e-5)
+    assert {"a": 1.0, "b": 2.0}.items() <= point.bias.items()
+    assert (point.quality["decode_errors"], point.temperature_c) == (7, 31.0)
+    assert (point.attributes["seed"], point.attributes["ambient"]) == (5, "capped")
+
+
+def test_the_command_tells_the_warnings(tmp_path: Path) -> None:
+    folder = _describe(tmp_path / "in", {**CONSTANT, "file": "r.raw", "start_us": 0, "duration_s": 0.1})
+    _recording(folder / "r.raw", [1000, 200_000], [600] * 2, [])
+    done = CliRunner().invoke(command, [str(folder), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0
+    assert "warning:" in done.stderr
+    assert "after end: 1" in done.stderr
+    assert done.stdout.strip() == str(tmp_path / "out")
+
+
+def test_marks_that_cannot_be_kept_are_refused(square: PointData, tmp_path: Path) -> None:
+    folder = _describe(tmp_path / "in", _square_section(square))
+    shutil.copy(square.path, folder / "p.h5")
+    with h5py.File(folder / "p.h5", "r+") as file:
+        file.create_dataset("quality/doubtful_events", data=[1, 2])
+    with pytest.raises(InputError, match="/quality/doubtful_events: an import cannot keep"):
         import_folder(folder, tmp_path / "out")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,3 +93,16 @@ def test_a_file_on_which_the_library_never_ends_is_named(
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(RunError, match="does not come to an end"):
         next(Run.open(tmp_path / "run").points())
+
+
+def test_the_probe_imports_nothing_from_the_folder_it_is_started_in(
+    data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("bench", "protocols", "drivers"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('hostile')\n")
+    monkeypatch.chdir(tmp_path)
+    point = tmp_path / "p.h5"
+    shutil.copy(next((data_folder / "practice/practice_3/points").glob("*.h5")), point)
+    for path in (["", *sys.path], sys.path):
+        monkeypatch.setattr(sys, "path", path)
+        assert probing._read_in_child([point]) == (1, "crashes")

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from bench.store import Run, RunError
-from bench.store.reader import read_point
+from bench.store.reader import read_events, read_point
 from bench.store.run import sha256_of
 from protocols.points import Roi
 
@@ -172,7 +172,7 @@ def _remove(path: str) -> Any:
         (_retype("events/t", "float64"), "/events/t is of type float64, expected int64"),
         (_retype("events/x", "int32"), "/events/x is of type int32, expected uint16"),
         (_units("events/t", "s"), "/events/t has the units 's', expected 'us'"),
-        (_units("pulses/start", None), "/pulses/start has the units None"),
+        (_units("events/t", "ms"), "/events/t has the units 'ms', expected 'us'"),
         (_value("events/t", 5, 10**15), "/events/t goes back in time (or before 0) at event 6"),
         (_value("events/p", 5, 2), "/events/p holds 2"),
         (_value("events/x", 5, 5), "event 5 at x = 5"),
@@ -317,3 +317,17 @@ def test_what_is_missing_or_changed_is_said(data_folder: Path, tmp_path: Path) -
         "points were changed after they were written (SHA-256 differs): 000000.h5",
     )
     assert Run.open(source).remarks() == ()
+
+
+@pytest.mark.parametrize(
+    ("path", "units"),
+    [
+        ("stimulus/illuminance", "lx"), ("events/t", "\u00b5s"), ("events/t", "\u03bcs"), ("pulses/start", "seconds"),
+        ("events/x", "px"), ("events/p", ""), ("events/p", "dimensionless"), ("pulses/start", None),
+    ],
+)  # fmt: skip
+def test_other_spellings_of_the_units_are_read(point_file: Path, path: str, units: str | None) -> None:
+    with h5py.File(point_file, "r+") as file:
+        _units(path, units)(file)
+    point = read_point(point_file, ROI)
+    assert sum(len(events) for events in read_events(point_file)) == point.n_events
