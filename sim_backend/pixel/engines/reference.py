@@ -94,7 +94,7 @@ class ReferenceEngine:
             `dt_s` is too long for the corner (Euler form), or both light and chain have a rise time.
         """
         samples = math.ceil(duration_s / self.dt_s - _TIE_SAMPLES)
-        sampler = LightSampler(_light_on_chip(chain, light), self.dt_s)
+        sampler = LightSampler(light_on_chip(chain, light), self.dt_s)
         return _Recording(self, chain, sampler, seed).stretches(samples)
 
     def rho(self, corner_hz: float) -> float:
@@ -110,7 +110,7 @@ class ReferenceEngine:
         return 1.0 - ratio
 
 
-def _light_on_chip(chain: Chain, light: LightHistory) -> LightHistory:
+def light_on_chip(chain: Chain, light: LightHistory) -> LightHistory:
     """Return the light with what the chain does to it."""
     if chain.rise_tau_s > 0.0 and light.rise_tau_s > 0.0:
         raise InputError(
@@ -121,7 +121,7 @@ def _light_on_chip(chain: Chain, light: LightHistory) -> LightHistory:
     return LightHistory(light.t_s, light.lux, rise_tau_s)
 
 
-def _processors() -> int:
+def processors() -> int:
     """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -161,7 +161,7 @@ class _Recording:
         """Yield the events of each stretch of time that has any."""
         block = self._kernels.BLOCK
         length = block * math.ceil(self._engine.stretch_samples / block)
-        threads = self._engine.threads or _processors()
+        threads = self._engine.threads or processors()
         with ThreadPoolExecutor(max(1, min(threads, len(self._groups)))) as pool:
             for first in range(1, samples, length):
                 stop = min(first + length, samples)
