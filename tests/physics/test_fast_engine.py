@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from scipy.stats import chi2_contingency, ks_2samp, norm
 
 from drivers.events.types import EVENT_DTYPE
 from protocols.points import Roi
 from sim_backend.pixel import FastEngine, LightHistory, PixelModel, ReferenceEngine, build_chain
 from sim_backend.pixel.effects import DarkCurrent, LightRiseTime, StrayLight, ThresholdMismatch
+from sim_backend.pixel.engines.compare import Pulses, p_values
 from sim_backend.pixel.engines.hazard import hazard_table, quasi_stationary
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ LUX = 10.0
 HALF_S = 0.1
 PERIODS = 25
 FAMILY_LEVEL = 1e-3
+PULSES = Pulses(ROI, 2.0 * HALF_S, HALF_S, PERIODS)
 
 
 def square(log_contrast: float, periods: int = PERIODS) -> LightHistory:
@@ -75,54 +76,6 @@ SETTINGS = {
 }
 
 
-def per_pixel(events: Events) -> npt.NDArray[np.int64]:
-    index = (events["y"].astype(np.int64) - ROI.y) * ROI.width + events["x"] - ROI.x
-    return np.bincount(index, minlength=ROI.pixels)
-
-
-def first_latencies_s(events: Events) -> npt.NDArray[np.float64]:
-    """Return when the first ON event of each answered pulse comes, from the second period on."""
-    on = events[events["p"] == 1]
-    period, since_us = np.divmod(on["t"].astype(np.int64), round(2.0 * HALF_S * 1e6))
-    inside = (since_us >= HALF_S * 1e6) & (period > 0)
-    key = (on["y"].astype(np.int64) * 65536 + on["x"]) * PERIODS + period
-    _, first = np.unique(key[inside], return_index=True)
-    return np.asarray(since_us[inside][first] * 1e-6 - HALF_S)
-
-
-def same_polarity(events: Events) -> tuple[int, int]:
-    """Return how many pairs of events that follow each other in a pixel have the same polarity, and how many not."""
-    pixel = events["y"].astype(np.int64) * 65536 + events["x"]
-    order = np.lexsort((events["t"], pixel))
-    pair = np.diff(pixel[order]) == 0
-    same = (np.diff(events["p"][order].astype(int)) == 0)[pair]
-    return int(same.sum()), int((~same).sum())
-
-
-def two_counts(a: tuple[int, int], b: tuple[int, int]) -> float:
-    table = np.array([a, b])
-    if np.any(table.sum(axis=0) < 10):
-        return 1.0
-    return float(chi2_contingency(table).pvalue)
-
-
-def p_values(reference: Events, fast: Events) -> dict[str, float]:
-    """Return how likely differences as large as these are between two recordings of one distribution."""
-    pulses = ROI.pixels * (PERIODS - 1)
-    counts = [per_pixel(e) for e in (reference, fast)]
-    answered = [first_latencies_s(e) for e in (reference, fast)]
-    mismatch = counts[0] - counts[1]  # pixel by pixel: they may differ
-    error = max(mismatch.std() * math.sqrt(ROI.pixels), 1.0)
-    on = [int(e["p"].sum()) for e in (reference, fast)]
-    return {
-        "events": float(2.0 * norm.sf(abs(mismatch.sum()) / error)),
-        "response": two_counts(*((len(a), pulses - len(a)) for a in answered)),
-        "latency": float(ks_2samp(*answered).pvalue) if min(map(len, answered)) > 20 else 1.0,
-        "polarity": two_counts((on[0], len(reference) - on[0]), (on[1], len(fast) - on[1])),
-        "pairs": two_counts(same_polarity(reference), same_polarity(fast)),
-    }
-
-
 @pytest.mark.parametrize("name", SETTINGS)
 def test_both_engines_have_the_same_statistics(name: str) -> None:
     model, light = SETTINGS[name]
@@ -130,14 +83,14 @@ def test_both_engines_have_the_same_statistics(name: str) -> None:
         take(engine, model, light, seed=i) for i, engine in enumerate((ReferenceEngine(), FastEngine()))
     )
     assert len(reference) > 100
-    found = p_values(reference, fast)
+    found = p_values(reference, fast, PULSES)
     assert min(found.values()) > FAMILY_LEVEL / (len(SETTINGS) * len(found)), found
 
 
 def test_the_statistics_tell_a_small_difference() -> None:
     model, light = SETTINGS["200 Hz, square"]
     other = dataclasses.replace(model, noise_rms=1.03 * model.noise_rms)
-    found = p_values(take(ReferenceEngine(), model, light), take(FastEngine(), other, light))
+    found = p_values(take(ReferenceEngine(), model, light), take(FastEngine(), other, light), PULSES)
     assert min(found.values()) < 1e-6
 
 
