@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     Events = npt.NDArray[np.void]
 
-__all__ = ["Pulses", "first_latencies_s", "p_values", "same_polarity"]
+__all__ = ["Pulses", "p_values", "same_polarity"]
 
 #: Counts below this are not tested, nor latencies if there are fewer than twice as many.
 _FEW: Final = 10
@@ -31,19 +31,23 @@ class Pulses:
     periods: int  #: of which the first is left out
 
 
-def first_latencies_s(events: Events, pulses: Pulses) -> npt.NDArray[np.float64]:
-    """Return when the first ON event of each answered pulse comes, s after its edge; from the second period on."""
+def _answers(events: Events, pulses: Pulses) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Return how many pulses each pixel answered, from the second period on, and the sum of its latencies, s."""
     on = events[events["p"] == 1]
     period, since_us = np.divmod(on["t"].astype(np.int64), round(pulses.period_s * 1e6))
     inside = (since_us >= pulses.start_s * 1e6) & (period > 0)
-    key = _pixel(on) * pulses.periods + period
-    _, first = np.unique(key[inside], return_index=True)
-    return np.asarray(since_us[inside][first] * 1e-6 - pulses.start_s)
+    key = _index(on, pulses.roi) * pulses.periods + period
+    answered, first = np.unique(key[inside], return_index=True)
+    latency_s = since_us[inside][first] * 1e-6 - pulses.start_s
+    pixel = answered // pulses.periods
+    count = np.bincount(pixel, minlength=pulses.roi.pixels)
+    total_s = np.bincount(pixel, weights=latency_s, minlength=pulses.roi.pixels)
+    return count, np.asarray(total_s, np.float64)
 
 
 def same_polarity(events: Events) -> tuple[int, int]:
     """Return how many pairs of events that follow each other in a pixel have the same polarity, and how many not."""
-    pixel = _pixel(events)
+    pixel = events["y"].astype(np.int64) * 65536 + events["x"]
     order = np.lexsort((events["t"], pixel))
     pair = np.diff(pixel[order]) == 0
     same = (np.diff(events["p"][order].astype(int)) == 0)[pair]
@@ -55,31 +59,39 @@ def p_values(first: Events, second: Events, pulses: Pulses) -> dict[str, float]:
 
     Of the number of events, the fraction of answered pulses, the latency of the first event, the share of ON events,
     and the share of pairs of one polarity. What is too rare to be tested has 1.
-    """
-    from scipy.stats import ks_2samp, norm
 
-    shown = pulses.roi.pixels * (pulses.periods - 1)
-    # Pixel by pixel, since they may differ, and events come in bursts.
-    difference = _per_pixel(first, pulses.roi) - _per_pixel(second, pulses.roi)
-    error = max(float(difference.std()) * math.sqrt(pulses.roi.pixels), 1.0)
-    latency = [first_latencies_s(e, pulses) for e in (first, second)]
+    Pixels are independent of each other, pulses of one pixel are not (a noisy memorised level lasts for many), so
+    counts and latencies are compared pixel by pixel; the latter by the means of each pixel.
+    """
+    from scipy.stats import ks_2samp
+
+    answers = [_answers(e, pulses) for e in (first, second)]
+    latency = [total[n > 0] / n[n > 0] for n, total in answers]
     on = [int(e["p"].sum()) for e in (first, second)]
     return {
-        "events": float(2.0 * norm.sf(abs(int(difference.sum())) / error)),
-        "response": _two_shares(*((len(a), shown - len(a)) for a in latency)),
+        "events": _two_means(_per_pixel(first, pulses.roi), _per_pixel(second, pulses.roi)),
+        "response": _two_means(answers[0][0], answers[1][0]),
         "latency": float(ks_2samp(*latency).pvalue) if min(map(len, latency)) >= 2 * _FEW else 1.0,
         "polarity": _two_shares((on[0], len(first) - on[0]), (on[1], len(second) - on[1])),
         "pairs": _two_shares(same_polarity(first), same_polarity(second)),
     }
 
 
-def _pixel(events: Events) -> npt.NDArray[np.int64]:
-    return np.asarray(events["y"].astype(np.int64) * 65536 + events["x"])
+def _two_means(first: npt.NDArray[np.int64], second: npt.NDArray[np.int64]) -> float:
+    """Return the p-value of the difference of counts, pixel by pixel."""
+    from scipy.stats import norm
+
+    difference = first - second
+    error = max(float(difference.std()) * math.sqrt(len(difference)), 1.0)
+    return float(2.0 * norm.sf(abs(int(difference.sum())) / error))
+
+
+def _index(events: Events, roi: Roi) -> npt.NDArray[np.int64]:
+    return np.asarray((events["y"].astype(np.int64) - roi.y) * roi.width + events["x"] - roi.x)
 
 
 def _per_pixel(events: Events, roi: Roi) -> npt.NDArray[np.int64]:
-    index = (events["y"].astype(np.int64) - roi.y) * roi.width + events["x"] - roi.x
-    return np.bincount(index, minlength=roi.pixels)
+    return np.bincount(_index(events, roi), minlength=roi.pixels)
 
 
 def _two_shares(first: tuple[int, int], second: tuple[int, int]) -> float:
