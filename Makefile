@@ -49,6 +49,7 @@ wheel: $(DEV_ENV)
 bench: $(TEST_ENV)
 	$(BIN)/python benchmarks/decode.py
 	$(BIN)/python benchmarks/engine.py
+	$(BIN)/python benchmarks/fast_engine.py
 
 lock:
 	.ci/lock

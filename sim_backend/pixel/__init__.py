@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sim_backend.pixel.chain import Chain, build_chain
+from sim_backend.pixel.engines.fast import FastEngine
 from sim_backend.pixel.engines.reference import ReferenceEngine
 from sim_backend.pixel.light import LightHistory
 from sim_backend.pixel.model import Photoconversion, PixelModel
@@ -11,6 +12,7 @@ from sim_backend.pixel.parameters import Parameter
 
 __all__ = [
     "Chain",
+    "FastEngine",
     "LightHistory",
     "Parameter",
     "Photoconversion",

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from sim_backend.pixel.chain import Chain
 
-__all__ = ["ChipLight"]
+__all__ = ["ChipLight", "commanded_light"]
 
 _PURPOSE_FLICKER = 16  # of the random number that is the phase of the flicker; engines use lower ones
 
@@ -47,7 +47,7 @@ class ChipLight:
     def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
         self._chain = chain
         self._dt_s = dt_s
-        self._sampler = LightSampler(_commanded(chain, light), dt_s)
+        self._sampler = LightSampler(commanded_light(chain, light), dt_s)
         self._room_lux = np.asarray(light.room_lux)
         self._nd_factor = np.where(np.asarray(light.nd_od) > 0.0, math.pow(10.0, -chain.nd_error_od), 1.0)
         drawn = 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])
@@ -65,7 +65,7 @@ class ChipLight:
     def _factor(self, start: int, stop: int) -> npt.NDArray[np.float64] | None:
         """Return what source and filter make of the source's light; None: they leave it as it is."""
         chain = self._chain
-        if chain.drift_per_s == chain.flicker_depth == chain.nd_error_od == 0.0:
+        if not moves(chain):
             return None
         t_s = np.arange(start, stop) * self._dt_s
         turns = np.remainder(chain.flicker_hz * t_s, 1.0)
@@ -74,8 +74,19 @@ class ChipLight:
         return np.asarray(drift * flicker * self._nd_factor[self._sampler.segments(start, stop)])
 
 
-def _commanded(chain: Chain, light: LightHistory) -> LightHistory:
-    """Return the commanded levels with the error of their contrast, and the rise time of the source."""
+def moves(chain: Chain) -> bool:
+    """Return whether source or filter make other light of the commanded one, beyond contrast and rise time."""
+    return not chain.drift_per_s == chain.flicker_depth == chain.nd_error_od == 0.0
+
+
+def commanded_light(chain: Chain, light: LightHistory) -> LightHistory:
+    """Return the commanded levels with the error of their contrast, and the rise time of the source.
+
+    Raises
+    ------
+    InputError
+        Both light and chain have a rise time.
+    """
     if chain.rise_tau_s > 0.0 and light.rise_tau_s > 0.0:
         raise InputError(
             f"light: the source's rise time ({light.rise_tau_s:g} s) and the model's ({chain.rise_tau_s:g} s) are "

@@ -123,7 +123,7 @@ class ReferenceEngine:
         return 1.0 - ratio
 
 
-def _processors() -> int:
+def processors() -> int:
     """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -157,7 +157,7 @@ class _Recording:
     def _detected(self, samples: int) -> Iterator[tuple[npt.NDArray[np.void], float]]:
         """Yield what the comparators find in each stretch, and the time that nothing later is before, us."""
         length = self._block * math.ceil(self._engine.stretch_samples / self._block)
-        threads = self._engine.threads or _processors()
+        threads = self._engine.threads or processors()
         leaked_ln = 0.0
         with ThreadPoolExecutor(max(1, min(threads, len(self._groups)))) as pool:
             for first in range(1, samples, length):
