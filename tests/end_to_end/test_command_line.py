@@ -120,6 +120,7 @@ def test_protocols_lists_and_copies_without_overwriting(tmp_path: Path) -> None:
     assert "exists already" in again.stderr
 
 
+@pytest.mark.slow
 def test_effects_are_listed_and_explained(tmp_path: Path) -> None:
     listing = json.loads(evs_bench("effects", "--json", cwd=tmp_path).stdout)
     assert listing["format"] == "evs-bench-effects/1"

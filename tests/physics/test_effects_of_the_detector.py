@@ -58,6 +58,7 @@ def by_pixel(events: npt.NDArray[np.void], roi: Roi) -> list[Floats]:
 # low_frequency_noise
 
 
+@pytest.mark.slow
 def test_slow_noise_has_its_rms_and_correlation(record: Record) -> None:
     """A pixel with tiny thresholds follows it: ``mean (w(t + s) - w(t))^2 = 2 rms^2 (1 - exp(-s / tau))``."""
     rms, tau_s, theta = 0.2, 0.05, 0.02

@@ -83,6 +83,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETTINGS)
 def test_both_engines_have_the_same_statistics(name: str) -> None:
     model, light = SETTINGS[name]

@@ -12,7 +12,6 @@ import numpy as np
 from drivers.events.types import EVENT_DTYPE
 from protocols.errors import InputError
 from sim_backend.pixel.chain import LOWEST_CURRENT_FA, Chain, pixel_ids
-from sim_backend.pixel.engines.lanes import needs_general
 from sim_backend.pixel.engines.readout import has_readout
 from sim_backend.pixel.engines.reference import ReferenceEngine, processors
 from sim_backend.pixel.light import first_sample_at
@@ -113,6 +112,8 @@ class FastEngine:
         InputError
             Both light and chain have a rise time.
         """
+        from sim_backend.pixel.engines.lanes import needs_general
+
         chain = _with_injection_in_thresholds(chain)
         on_chip = commanded_light(chain, light)
         fast = is_faster(replace(chain, rise_tau_s=on_chip.rise_tau_s), self.dt_s)

@@ -39,6 +39,7 @@ def _kill_at_a_random_moment(folder: Path, after_points: int, later_s: float, *,
         child.stderr.read()
 
 
+@pytest.mark.slow
 def test_two_interrupts_in_quick_succession_crash_nothing(tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p or "." for p in sys.path)}

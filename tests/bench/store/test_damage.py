@@ -32,6 +32,7 @@ def _damaged(whole: bytes, trial: int) -> bytes:
     return bytes(data)
 
 
+@pytest.mark.slow
 def test_damaged_files_are_refused_in_one_line(
     data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
