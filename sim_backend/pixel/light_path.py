@@ -62,6 +62,30 @@ class ChipLight:
             lux = np.where(lux > room, lux - room, 0.0) * factor + room
         return lux + self._chain.stray_lux
 
+    @property
+    def first(self) -> npt.NDArray[np.int64]:
+        """First sample of each commanded level, (m,)."""
+        return self._sampler.first
+
+    @property
+    def settled_lux(self) -> npt.NDArray[np.float64]:
+        """Illuminance of each commanded level long after its edge, without drift and flicker, (m,) lux."""
+        return self._behind_filter(self._sampler.settled_lux)
+
+    @property
+    def at_edge_lux(self) -> npt.NDArray[np.float64]:
+        """Illuminance right at the edge to each commanded level, behind its filter; no drift or flicker, (m,) lux."""
+        return self._behind_filter(self._sampler.at_edge_lux)
+
+    @property
+    def never_settles(self) -> bool:
+        """Whether the light drifts or flickers."""
+        return not self._chain.drift_per_s == self._chain.flicker_depth == 0.0
+
+    def _behind_filter(self, lux: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        room = self._room_lux
+        return np.asarray(np.where(lux > room, lux - room, 0.0) * self._nd_factor + room + self._chain.stray_lux)
+
     def _factor(self, start: int, stop: int) -> npt.NDArray[np.float64] | None:
         """Return what source and filter make of the source's light; None: they leave it as it is."""
         chain = self._chain
