@@ -47,7 +47,9 @@ class ChipLight:
     def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
         self._chain = chain
         self._dt_s = dt_s
-        self._sampler = LightSampler(commanded_light(chain, light), dt_s)
+        commanded = commanded_light(chain, light)
+        self._sampler = LightSampler(commanded, dt_s)
+        self.rise_tau_s = commanded.rise_tau_s  #: time constant of the source's edges, s
         self._room_lux = np.asarray(light.room_lux)
         self._nd_factor = np.where(np.asarray(light.nd_od) > 0.0, math.pow(10.0, -chain.nd_error_od), 1.0)
         drawn = 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])

@@ -34,7 +34,11 @@ def is_faster(chain: Chain, dt_s: float) -> npt.NDArray[np.bool_]:
     Without noise it is not. Nor is it for a pixel that has an event every few hundred samples: its two thresholds less
     than 8 rms apart, and few samples in a time constant.
     """
-    if chain.noise_rms == 0.0 or _has_more_than_one_pole(chain):
+    if chain.high_pass_hz > 0.0:
+        return np.zeros(chain.pixels, np.bool_)
+    if _has_more_than_one_pole(chain):
+        return np.full(chain.pixels, chain.drift_per_s == chain.flicker_depth == 0.0)
+    if chain.noise_rms == 0.0:
         return np.zeros(chain.pixels, np.bool_)
     rate = 2.0 * math.pi * chain.corner_hz * dt_s
     apart = (chain.theta_on + chain.theta_off) / chain.noise_rms
@@ -43,12 +47,8 @@ def is_faster(chain: Chain, dt_s: float) -> npt.NDArray[np.bool_]:
 
 def _has_more_than_one_pole(chain: Chain) -> bool:
     """Return whether noise follows the light, or anything but the source follower remembers."""
-    return (
-        chain.shot_factor > 0.0
-        or math.isfinite(min(chain.receptor_hz_per_fa, chain.receptor_max_hz))
-        or chain.slow_rms > 0.0
-        or chain.high_pass_hz > 0.0
-    )
+    receptor = math.isfinite(min(chain.receptor_hz_per_fa, chain.receptor_max_hz))
+    return chain.shot_factor > 0.0 or receptor or chain.slow_rms > 0.0
 
 
 def _leak_follows_moving_light(chain: Chain, light: LightHistory) -> bool:
@@ -66,9 +66,8 @@ class FastEngine:
     """The distribution of events of ``ReferenceEngine(step="exact")`` on the same grid, at a fraction of the cost.
 
     Pixels for which the reference engine is cheaper (:func:`is_faster`) are given to it: without noise the events are
-    identical to its own. The same seed gives the same events of a pixel, whatever the number of threads, the other
-    pixels and the length of the stretches in which the events are handed over; other events than the reference
-    engine's, since fewer random numbers are drawn.
+    identical to its own. The same seed gives the same events of a pixel, whatever the number of threads and the other
+    pixels; other events than the reference engine's, since fewer random numbers are drawn.
 
     Parameters
     ----------
@@ -76,21 +75,16 @@ class FastEngine:
         Length of a sample, s.
     threads
         Number of threads; None for as many as there are processors for this process.
-    stretch_samples
-        Samples for which events are gathered before they are handed over; bounds the memory.
     """
 
     dt_s: float = 1e-5
     threads: int | None = None
-    stretch_samples: int = 65536
 
     def __post_init__(self) -> None:
         if not 0.0 < self.dt_s < math.inf:
             raise InputError(f"fast engine: dt is {self.dt_s} s; expected more than 0")
         if self.threads is not None and self.threads < 1:
             raise InputError(f"fast engine: {self.threads} threads; expected 1 or more")
-        if self.stretch_samples < 1:
-            raise InputError(f"fast engine: stretches of {self.stretch_samples} samples; expected 1 or more")
 
     def events(self, chain: Chain, light: LightHistory, duration_s: float, seed: int) -> Iterator[npt.NDArray[np.void]]:
         """Yield the events of a recording; as :meth:`ReferenceEngine.events`."""
@@ -100,6 +94,7 @@ class FastEngine:
         """Yield what the comparators find, in stretches of time; parameters are those of :meth:`events`."""
         from sim_backend.pixel.engines.one_pole import OnePole
         from sim_backend.pixel.engines.stretches import crossings
+        from sim_backend.pixel.engines.two_poles import TwoPoles
 
         chain = _with_injection_in_thresholds(chain)
         fast = is_faster(chain, self.dt_s)
@@ -107,8 +102,9 @@ class FastEngine:
             fast[:] = False
         streams: list[Crossings] = []
         if fast.any():
-            walk = OnePole(_some_pixels(chain, fast), light, self.dt_s, seed)
-            streams.append(crossings(walk, samples_before(duration_s, self.dt_s), self.stretch_samples, self.threads))
+            kind = TwoPoles if _has_more_than_one_pole(chain) else OnePole
+            walk = kind(_some_pixels(chain, fast), light, self.dt_s, seed)
+            streams.append(crossings(walk, samples_before(duration_s, self.dt_s), self.threads))
         if not fast.all():
             reference = ReferenceEngine(dt_s=self.dt_s, threads=self.threads)
             streams.append(reference.crossings(_some_pixels(chain, ~fast), light, duration_s, seed))

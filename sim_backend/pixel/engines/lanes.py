@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Grid", "Lanes", "LightStretch", "groups"]
+__all__ = ["Grid", "Lanes", "LightStretch", "coefficients", "groups", "needs_general", "settled"]
 
 _ELEMENTARY_CHARGE_FA_S: Final = 1.602176634e-4
 #: Room for as many events as there can be in this many blocks; then the kernel hands over.
@@ -156,24 +156,12 @@ class _GeneralLanes(_Group):
 
     def __init__(self, grid: Grid, chain: Chain, pixels: slice, start_lux: float, key: tuple[Any, Any]) -> None:
         super().__init__(grid, chain, pixels, key)
-        rho, sigma = _source_follower(grid, chain)
-        slow_rho = math.exp(-grid.dt_s / chain.slow_tau_s)
-        self._c = general_kernels.Coefficients(
-            rho=rho,
-            sigma=sigma,
-            slow_rho=slow_rho,
-            slow_sigma=chain.slow_rms * math.sqrt(1.0 - slow_rho**2),
-            high_rho=math.exp(-2.0 * math.pi * chain.high_pass_hz * grid.dt_s),
-            shot_fa=chain.shot_factor * _ELEMENTARY_CHARGE_FA_S / grid.dt_s,
-            receptor_per_fa=float(grid.ratio(chain.receptor_hz_per_fa)),
-            receptor_most=float(grid.ratio(chain.receptor_max_hz)),
-            euler=grid.euler,
-            dt_s=grid.dt_s,
-            lowest_fa=LOWEST_CURRENT_FA,
-            reset_rms=float(chain.reset_rms),
-        )
+        self._c = coefficients(grid, chain)
         self._leak = _to_lanes(chain.leak_per_s[pixels], reference_kernels.LANES, 0.0)
-        self._kept = self._settled(grid, start_lux)
+        z = np.vstack(
+            [reference_kernels.start_normals(self.pixel, *key), general_kernels.start_normals(self.pixel, *key)]
+        )
+        self._kept = settled(grid, self._c, self.current_fa(start_lux), z).ravel()
         v, _, slow, memory = self._kept.reshape(4, -1)
         reset = chain.reset_rms * general_kernels.reset_normals(0, self.pixel, *key)
         self.memorise(v + slow - memory + reset)
@@ -191,25 +179,48 @@ class _GeneralLanes(_Group):
 
         return _in_parts(light, run)
 
-    def _settled(self, grid: Grid, lux: float) -> Floats:
-        """Return source follower, photoreceptor, slow noise and high-pass at their joint stationary law."""
-        c = self._c
-        current = self.current_fa(lux)
-        forget = grid.forget(np.minimum(c.receptor_per_fa * current, c.receptor_most))
-        covariance = stationary_covariance(*_transition(c, forget, np.sqrt(c.shot_fa / current)))
-        z = np.vstack(
-            [
-                reference_kernels.start_normals(self.pixel, *self.key),
-                general_kernels.start_normals(self.pixel, *self.key),
-            ]
-        )
-        state = draw(covariance, z)
-        u = np.log(current)
-        state[0] += u
-        state[1] += u
-        if c.high_rho < 1.0:
-            state[3] += u
-        return state.ravel()
+
+def coefficients(grid: Grid, chain: Chain) -> general_kernels.Coefficients:
+    """Return what the general kernel has in common for all pixels of a chain."""
+    rho, sigma = _source_follower(grid, chain)
+    slow_rho = math.exp(-grid.dt_s / chain.slow_tau_s)
+    return general_kernels.Coefficients(
+        rho=rho,
+        sigma=sigma,
+        slow_rho=slow_rho,
+        slow_sigma=chain.slow_rms * math.sqrt(1.0 - slow_rho**2),
+        high_rho=math.exp(-2.0 * math.pi * chain.high_pass_hz * grid.dt_s),
+        shot_fa=chain.shot_factor * _ELEMENTARY_CHARGE_FA_S / grid.dt_s,
+        receptor_per_fa=float(grid.ratio(chain.receptor_hz_per_fa)),
+        receptor_most=float(grid.ratio(chain.receptor_max_hz)),
+        euler=grid.euler,
+        dt_s=grid.dt_s,
+        lowest_fa=LOWEST_CURRENT_FA,
+        reset_rms=float(chain.reset_rms),
+    )
+
+
+def settled(grid: Grid, c: general_kernels.Coefficients, current_fa: Floats, z: Floats) -> Floats:
+    """Return source follower, photoreceptor, slow noise and high-pass at their joint stationary law, (4, n).
+
+    Parameters
+    ----------
+    grid, c
+        Samples and coefficients.
+    current_fa
+        (n,) photocurrent.
+    z
+        (4, n) standard normal numbers.
+    """
+    forget = grid.forget(np.minimum(c.receptor_per_fa * current_fa, c.receptor_most))
+    covariance = stationary_covariance(*_transition(c, forget, np.sqrt(c.shot_fa / current_fa)))
+    state = draw(covariance, z)
+    u = np.log(current_fa)
+    state[0] += u
+    state[1] += u
+    if c.high_rho < 1.0:
+        state[3] += u
+    return state
 
 
 def _source_follower(grid: Grid, chain: Chain) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_backend.pixel.chain import LOWEST_CURRENT_FA, pixel_ids
 from sim_backend.pixel.engines.segments import LAST, segments_of
-from sim_backend.pixel.engines.stretches import ROOM
+from sim_backend.pixel.engines.stretches import places, room_for
 from sim_backend.pixel.light_path import ChipLight
 from sim_backend.pixel.philox import split_seed
 
@@ -40,6 +40,8 @@ _NODE_STEP: Final = 0.02
 class OnePole:
     """The pixels of one recording; see :class:`sim_backend.pixel.engines.stretches.Walk`."""
 
+    stretch_samples = 16384
+
     def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
         from sim_backend.pixel.engines import fast_kernels
 
@@ -49,14 +51,14 @@ class OnePole:
         self._key = tuple(np.uint32(word) for word in split_seed(seed))
         self._rate = 2.0 * math.pi * chain.corner_hz * dt_s
         on_chip = ChipLight(chain, light, dt_s, seed)
-        self._segments = segments_of(chain, light, on_chip, dt_s)
+        self._segments = segments_of(on_chip, chain.noise_rms, dt_s)
         leaks = chain.leak_per_s_per_lux * self._segments.lux * (dt_s / chain.noise_rms)
         self._light = (self._segments.first, self._segments.until, self._segments.lux, leaks)
         self._blocks = _blocks(self._rate)
         self._settle, self._tables = self._hazard()
         self._moving = _MovingLight(chain, on_chip, self._segments, math.exp(-self._rate))
         self._pixel = pixel_ids(chain.x, chain.y)
-        self.order = np.lexsort((chain.x, chain.y))
+        self.order, self._place = places(chain)
         self._sensor = self._fixed()
         self._start(float(on_chip.lux(0, 1)[0]))
 
@@ -68,17 +70,16 @@ class OnePole:
         """Take some pixels to sample `stop` - 1 or beyond, and return their events."""
         sensor = (self.chain.pixels, *(a[pixels] for a in self._sensor))
         state = tuple(a[pixels] for a in self._state)
-        room = np.empty(ROOM, np.int64)
-        parts = []
-        i = 0
-        while i < len(self._pixel[pixels]):
-            i, count = self._kernels.run_pixels(
+
+        def run(i: int, room: npt.NDArray[np.int64]) -> tuple[int, int]:
+            found: tuple[int, int] = self._kernels.run_pixels(
                 i, stop, self._light, self._rate, self.chain.noise_rms, self._settle, self._key, LOWEST_CURRENT_FA,
                 self.chain.reset_rms / self.chain.noise_rms, sensor, self._blocks, self._tables, self._moving.table,
                 state, room,
             )  # fmt: skip
-            parts.append(room[:count].copy())
-        return np.concatenate(parts)
+            return found
+
+        return room_for(len(state[0]), run)
 
     def _fixed(self) -> tuple[npt.NDArray[Any], ...]:
         """Return what is fixed for each pixel, as the kernel takes it."""
@@ -91,11 +92,9 @@ class OnePole:
         fixed[:, k.LEAK] = chain.leak_per_s * (self.dt_s / chain.noise_rms)
         fixed[:, k.NODE] = self._moving.place
         dead = np.rint((chain.refractory_s + chain.comparator_delay_s) / self.dt_s).astype(np.int64)
-        rank = np.empty(chain.pixels, np.int64)
-        rank[self.order] = np.arange(chain.pixels)
         apart = (chain.theta_on + chain.theta_off) / chain.noise_rms
         longest = np.clip(apart**2 / (_BLOCKS_APART * self._rate), 1, len(self._blocks[0]) - 1).astype(np.int64)
-        return fixed, dead, self._pixel, rank, longest
+        return fixed, dead, self._pixel, self._place, longest
 
     def _hazard(self) -> tuple[int, tuple[Floats, ...]]:
         """Return after how many samples the table of rates holds, and the table."""
@@ -166,14 +165,17 @@ class _MovingLight:
 
 
 def _nodes(dark_lux: Floats, lowest_lux: float) -> tuple[Floats, Floats]:
-    """Return some dark currents, as light, and where between them each pixel lies."""
+    """Return some dark currents, as light, and where between them each pixel lies.
+
+    They are powers of one number, whatever the pixels: the window changes nothing.
+    """
+    if not np.any(dark_lux > 0.0):
+        return np.zeros(1), np.zeros(len(dark_lux))
     floor = max(lowest_lux, np.finfo(float).tiny)
-    low, high = float(np.min(dark_lux)), float(np.max(dark_lux))
-    count = math.ceil(math.log((high + floor) / (low + floor)) / _NODE_STEP) + 1
-    nodes = np.geomspace(low + floor, high + floor, count) - floor
-    if count == 1:
-        return nodes, np.zeros(len(dark_lux))
-    return nodes, np.clip(np.interp(dark_lux, nodes, np.arange(count)), 0.0, count - 1.0 - 1e-9)
+    place = np.log(dark_lux + floor) / _NODE_STEP
+    lowest = math.floor(np.min(place))
+    nodes = np.exp(_NODE_STEP * np.arange(lowest, math.floor(np.max(place)) + 2)) - floor
+    return np.maximum(nodes, 0.0), place - lowest
 
 
 def _blocks(rate: float) -> tuple[Floats, ...]:

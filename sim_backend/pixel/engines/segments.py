@@ -11,16 +11,16 @@ import numpy as np
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sim_backend.pixel.chain import Chain
-    from sim_backend.pixel.light import LightHistory
     from sim_backend.pixel.light_path import ChipLight
 
 __all__ = ["LAST", "Segments", "segments_of"]
 
 #: Later than any sample.
 LAST: Final = 1 << 61
-#: The light counts as settled when the log photocurrent is this close to its level, in rms of the noise.
+#: The light counts as settled when the log photocurrent is this close to its level, in rms of the noise, and in any
+#: case after so many time constants: where it settles in the dark, the dark current settles it.
 _SETTLED_RMS: Final = 1e-4
+_MOST_TAUS: Final = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,17 +37,15 @@ class Segments:
         return bool(np.any(self.until >= self.first[:-1]))
 
 
-def segments_of(chain: Chain, light: LightHistory, on_chip: ChipLight, dt_s: float) -> Segments:
+def segments_of(on_chip: ChipLight, noise_rms: float, dt_s: float) -> Segments:
     """Return the segments of a recording.
 
     Parameters
     ----------
-    chain
-        The pixels: the smaller dark current and noise, the longer it takes until nothing of an edge can be seen.
-    light
-        As commanded.
     on_chip
-        What the chain makes of it.
+        The light.
+    noise_rms
+        The smaller the noise (ln units), the longer it takes until nothing of an edge can be seen.
     dt_s
         Length of a sample, s.
     """
@@ -57,12 +55,10 @@ def segments_of(chain: Chain, light: LightHistory, on_chip: ChipLight, dt_s: flo
         until = np.full(len(first), LAST)
     else:
         until = first - 1
-        rise_tau_s = max(chain.rise_tau_s, light.rise_tau_s)
+        rise_tau_s = on_chip.rise_tau_s
         if rise_tau_s > 0.0:
-            dark_lux = float(np.min(chain.dark_fa / chain.gain_fa_per_lux))
-            floor = np.minimum(lux, on_chip.at_edge_lux) + dark_lux
-            with np.errstate(divide="ignore"):
-                away = np.abs(on_chip.at_edge_lux - lux) / np.maximum(floor, np.finfo(float).tiny)
-                taus = np.log(away / (_SETTLED_RMS * chain.noise_rms))
-            until = until + np.ceil(np.maximum(taus, 0.0) * rise_tau_s / dt_s).astype(np.int64)
+            floor = np.maximum(np.minimum(lux, on_chip.at_edge_lux), np.finfo(float).tiny)
+            away = np.abs(on_chip.at_edge_lux - lux) / floor
+            taus = np.log(np.maximum(away / (_SETTLED_RMS * noise_rms), 1.0))
+            until = until + np.ceil(np.minimum(taus, _MOST_TAUS) * rise_tau_s / dt_s).astype(np.int64)
     return Segments(np.append(first, LAST), until, lux)

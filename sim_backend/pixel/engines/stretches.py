@@ -12,17 +12,19 @@ from sim_backend.pixel.engines.readout import TIMED_DTYPE
 from sim_backend.pixel.engines.reference import processors
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy.typing as npt
 
     from sim_backend.pixel.chain import Chain
     from sim_backend.pixel.engines.readout import Crossings
 
-__all__ = ["ROOM", "Walk", "crossings"]
+__all__ = ["Walk", "crossings", "places", "room_for"]
 
 _US_PER_S: Final = 1e6
 #: Pixels that one thread takes at a time, and room for their events until they are handed over.
 _PIXELS: Final = 256
-ROOM: Final = 16384
+_ROOM: Final = 16384
 
 
 class Walk(Protocol):
@@ -30,6 +32,7 @@ class Walk(Protocol):
 
     chain: Chain
     dt_s: float
+    stretch_samples: int  #: events are gathered for so many samples before they are handed over
     order: npt.NDArray[np.int64]  #: the pixels in the order in which events of one time are given
 
     def prepare(self, first: int, stop: int) -> None:
@@ -44,8 +47,31 @@ class Walk(Protocol):
         """
 
 
-def crossings(walk: Walk, samples: int, length: int, threads: int | None) -> Crossings:
-    """Yield the events of each stretch of `length` samples, and the time that nothing later is before, us."""
+def places(chain: Chain) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the pixels in the order in which events of one time are given, and the place of each in it."""
+    order = np.lexsort((chain.x, chain.y))
+    place = np.empty(chain.pixels, np.int64)
+    place[order] = np.arange(chain.pixels)
+    return order, place
+
+
+def room_for(pixels: int, run: Callable[[int, npt.NDArray[np.int64]], tuple[int, int]]) -> npt.NDArray[np.int64]:
+    """Call `run` with the pixel to go on with and room for events, until all pixels are through; return all events.
+
+    `run` returns the pixel to go on with and the number of events.
+    """
+    room = np.empty(_ROOM, np.int64)
+    parts = []
+    i = 0
+    while i < pixels:
+        i, count = run(i, room)
+        parts.append(room[:count].copy())
+    return np.concatenate(parts)
+
+
+def crossings(walk: Walk, samples: int, threads: int | None) -> Crossings:
+    """Yield the events of each stretch, and the time that nothing later is before, us."""
+    length = walk.stretch_samples
     pixels = walk.chain.pixels
     parts = [slice(i, min(i + _PIXELS, pixels)) for i in range(0, pixels, _PIXELS)]
     early = np.empty(0, np.int64)  # events beyond the end of a stretch wait for theirs
