@@ -80,6 +80,7 @@ OFF: Final = 3
 LEAK: Final = 4
 FIXED: Final = 5
 
+MOST_DRAWS: Final = 7  #: normal numbers of one step at the most
 #: Lights whose tables a pixel keeps.
 _KEPT_LIGHTS: Final = 4
 
@@ -161,10 +162,10 @@ def _middle(half, row, vv, vp, pp, whole_vv, whole_vp, whole_pp):  # type: ignor
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def between(row, v0, p0, v1, p1):  # type: ignore[no-untyped-def]
+def between(table, j, v0, p0, v1, p1):  # type: ignore[no-untyped-def]
     """Return the expected v and p in the middle of a block."""
-    v = row[G0] * v0 + row[G0 + 1] * p0 + row[G1] * v1 + row[G1 + 1] * p1
-    p = row[G0 + 2] * v0 + row[G0 + 3] * p0 + row[G1 + 2] * v1 + row[G1 + 3] * p1
+    v = table[j, G0] * v0 + table[j, G0 + 1] * p0 + table[j, G1] * v1 + table[j, G1 + 1] * p1
+    p = table[j, G0 + 2] * v0 + table[j, G0 + 3] * p0 + table[j, G1 + 2] * v1 + table[j, G1 + 3] * p1
     return v, p
 
 
@@ -188,7 +189,7 @@ def _bounds(table, j):  # type: ignore[no-untyped-def]
         step = parts
         for level in range(depth):
             for at in range(0, parts, step):
-                v[at + step // 2], p[at + step // 2] = between(table[j - level], v[at], p[at], v[at + step], p[at + step])
+                v[at + step // 2], p[at + step // 2] = between(table, j - level, v[at], p[at], v[at + step], p[at + step])
             step //= 2
         most = 0.0
         quarter = parts // 4
@@ -214,16 +215,16 @@ def _deviation(table, j):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model="numpy")
 def safe(table, j, v0, p0, s0, v1, p1, s1, upper, lower):  # type: ignore[no-untyped-def]
     """Return whether no sample of a block of 2^j, j >= 2, can be beyond a level."""
-    row, half = table[j], table[j - 1]
-    vm, pm = between(row, v0, p0, v1, p1)
-    q = half[G0] * v0 + half[G0 + 1] * p0 + half[G1] * vm + half[G1 + 1] * pm
-    r = half[G0] * vm + half[G0 + 1] * pm + half[G1] * v1 + half[G1 + 1] * p1
+    h = j - 1
+    vm, pm = between(table, j, v0, p0, v1, p1)
+    q = table[h, G0] * v0 + table[h, G0 + 1] * p0 + table[h, G1] * vm + table[h, G1 + 1] * pm
+    r = table[h, G0] * vm + table[h, G0 + 1] * pm + table[h, G1] * v1 + table[h, G1 + 1] * p1
     slack = (
-        row[GUARD]
-        + row[SLACK] * abs(v0)
-        + row[SLACK + 1] * abs(p0)
-        + row[SLACK + 2] * abs(v1)
-        + row[SLACK + 3] * abs(p1)
+        table[j, GUARD]
+        + table[j, SLACK] * abs(v0)
+        + table[j, SLACK + 1] * abs(p0)
+        + table[j, SLACK + 2] * abs(v1)
+        + table[j, SLACK + 3] * abs(p1)
     )
     high = max(max(max(v0, v1), max(q, r)), vm) + max(s0, s1)
     low = min(min(min(v0, v1), min(q, r)), vm) + min(s0, s1)
@@ -237,136 +238,65 @@ def event_at(value, upper, lower):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def refill(need, pixel, key0, key1, words, z, whole):  # type: ignore[no-untyped-def]
-    """Have `need` normal numbers in store."""
-    if whole[USED] > DRAWS - need:
-        fill_draws(pixel, whole[COUNTER], key0, key1, words, z)
-        whole[COUNTER] += DRAW_LANES
-        whole[USED] = 0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def draw_end(row, slow, real, z, used, end):  # type: ignore[no-untyped-def]
-    """Write the state at the end of a block; three normal numbers."""
+def draw_end(table, slow, j, v, p, s, z, used):  # type: ignore[no-untyped-def]
+    """Return the state at the end of a block; three normal numbers."""
     z0, z1 = np.float64(z[used]), np.float64(z[used + 1])
-    end[V] = row[AVV] * real[V] + row[AVP] * real[P] + row[L11] * z0
-    end[P] = row[APP] * real[P] + row[L21] * z0 + row[L22] * z1
-    end[SLOW] = slow[S_FADE] * real[SLOW] + slow[S_STEP] * np.float64(z[used + 2])
+    return (
+        table[j, AVV] * v + table[j, AVP] * p + table[j, L11] * z0,
+        table[j, APP] * p + table[j, L21] * z0 + table[j, L22] * z1,
+        slow[j, S_FADE] * s + slow[j, S_STEP] * np.float64(z[used + 2]),
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def draw_middle(row, slow, start, end, z, used, middle):  # type: ignore[no-untyped-def]
-    """Write the state in the middle of a block, given both ends; three normal numbers."""
+def draw_middle(table, slow, j, v0, p0, s0, v1, p1, s1, z, used):  # type: ignore[no-untyped-def]
+    """Return the state in the middle of a block, given both ends; three normal numbers."""
     z0, z1 = np.float64(z[used]), np.float64(z[used + 1])
-    v, p = between(row, start[V], start[P], end[V], end[P])
-    middle[V] = v + row[M11] * z0
-    middle[P] = p + row[M21] * z0 + row[M22] * z1
-    middle[SLOW] = slow[S_MIDDLE] * (start[SLOW] + end[SLOW]) + slow[S_REST] * np.float64(z[used + 2])
+    v, p = between(table, j, v0, p0, v1, p1)
+    return (
+        v + table[j, M11] * z0,
+        p + table[j, M21] * z0 + table[j, M22] * z1,
+        slow[j, S_MIDDLE] * (s0 + s1) + slow[j, S_REST] * np.float64(z[used + 2]),
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def block(j, table, slow, slope, pixel, key0, key1, words, z, whole, real, ends, lengths):  # type: ignore[no-untyped-def]
-    """Take an armed pixel 2^j samples on, or to its next event.
-
-    `ends` and `lengths` are a stack: states that have been drawn, and the j of the stretch up to each.
-
-    Returns
-    -------
-    1 for an ON event, -1 for an OFF event, 0 for none.
-    """
-    refill(6, pixel, key0, key1, words, z, whole)
-    draw_end(table[j], slow[j], real, z, whole[USED], ends[0])
-    whole[USED] += 3
-    lengths[0] = j
-    top = 0
-    while top >= 0:
-        end, j = ends[top], lengths[top]
-        samples = 1 << j
-        drift = slope * samples
-        done = j == 0 or (
-            j > 1
-            and safe(
-                table, j, real[V], real[P], real[SLOW], end[V], end[P], end[SLOW],
-                real[ON_LEVEL] - max(drift, 0.0), real[OFF_LEVEL] - min(drift, 0.0),
-            )
-        )  # fmt: skip
-        if done:
-            real[V], real[P], real[SLOW] = end[V], end[P], end[SLOW]
-            real[ON_LEVEL] -= drift
-            real[OFF_LEVEL] -= drift
-            whole[AT] += samples
-            if j == 0:
-                event = event_at(real[V] + real[SLOW], real[ON_LEVEL], real[OFF_LEVEL])
-                if event != 0:
-                    return event
-            top -= 1
-        else:
-            refill(6, pixel, key0, key1, words, z, whole)
-            draw_middle(table[j], slow[j], real, end, z, whole[USED], ends[top + 1])
-            whole[USED] += 3
-            lengths[top] = j - 1
-            lengths[top + 1] = j - 1
-            top += 1
-    return 0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def skip(samples, table, slow, pixel, key0, key1, words, z, whole, real):  # type: ignore[no-untyped-def]
-    """Take a blind pixel some samples on."""
-    whole[AT] += samples
-    j = len(table) - 1
-    while samples > 0:
-        if samples < 1 << j:
-            j -= 1
-            continue
-        refill(6, pixel, key0, key1, words, z, whole)
-        draw_end(table[j], slow[j], real, z, whole[USED], real)
-        whole[USED] += 3
-        samples -= 1 << j
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def choose(real, slope, most, table):  # type: ignore[no-untyped-def]
-    """Return j of the next block, of `most` samples at the most."""
-    out = real[V] + real[SLOW]
-    # Levels as they will be seen from the settled level too: the output goes there.
-    near = min(real[ON_LEVEL] - max(out, real[SLOW]), min(out, real[SLOW]) - real[OFF_LEVEL])
-    j = len(table) - 1
-    while j > 0 and ((1 << j) > most or table[j, REACH] > near or abs(slope) * (1 << j) > _LOST_DISTANCE * near):
+def largest(samples, levels):  # type: ignore[no-untyped-def]
+    """Return j of the longest block of 2^j samples that is not longer than `samples`."""
+    j = levels
+    while samples < 1 << j:
         j -= 1
     return j
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def walk(stop, lux, settled, fixed, c, slope, pixel, key0, key1, words, z, whole, real):  # type: ignore[no-untyped-def]
-    """Take a pixel sample by sample through moving light, to sample `stop`, its waking or its next event.
+def choose(table, levels, most, slope, v, s, on_level, off_level):  # type: ignore[no-untyped-def]
+    """Return j of the next block of an armed pixel, of `most` samples at the most."""
+    out = v + s
+    # Levels as they will be seen from the settled level too: the output goes there.
+    near = min(on_level - max(out, s), min(out, s) - off_level)
+    j = largest(most, levels)
+    while j > 0 and (table[j, REACH] > near or abs(slope) * (1 << j) > _LOST_DISTANCE * near):
+        j -= 1
+    return j
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def walk(lux, settled, gain, dark, c, v, p, s, z, used):  # type: ignore[no-untyped-def]
+    """Return the state one sample later under moving light; three normal numbers.
 
     Parameters
     ----------
     lux
-        Illuminance from the next sample on.
+        Illuminance at that sample.
     settled
         Logarithm of the photocurrent at the settled light.
     """
-    armed = whole[WAKE] == NEVER
-    begin = whole[AT]
-    while whole[AT] < stop and whole[AT] != whole[WAKE]:
-        current = max(fixed[GAIN] * lux[whole[AT] - begin] + fixed[DARK], c.lowest_fa)
-        forget, added, sigma = receptor(current, c)
-        refill(6, pixel, key0, key1, words, z, whole)
-        used = whole[USED]
-        real[P] = forget * real[P] + (1.0 - forget) * (math.log(current) - settled) + added * np.float64(z[used])
-        real[V] = c.rho * real[V] + (1.0 - c.rho) * real[P] + sigma * np.float64(z[used + 1])
-        real[SLOW] = c.slow_rho * real[SLOW] + c.slow_sigma * np.float64(z[used + 2])
-        whole[USED] += 3
-        whole[AT] += 1
-        if armed:
-            real[ON_LEVEL] -= slope
-            real[OFF_LEVEL] -= slope
-            event = event_at(real[V] + real[SLOW], real[ON_LEVEL], real[OFF_LEVEL])
-            if event != 0:
-                return event
-    return 0
+    current = max(gain * lux + dark, c.lowest_fa)
+    forget, added, sigma = receptor(current, c)
+    p = forget * p + (1.0 - forget) * (math.log(current) - settled) + added * np.float64(z[used])
+    v = c.rho * v + (1.0 - c.rho) * p + sigma * np.float64(z[used + 1])
+    return v, p, c.slow_rho * s + c.slow_sigma * np.float64(z[used + 2])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -423,56 +353,98 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
     words = np.empty(DRAWS, np.uint32)
     tables = np.empty((_KEPT_LIGHTS, levels + 1, COLUMNS))
     kept = np.full(_KEPT_LIGHTS, -1.0)
-    ends = np.empty((levels + 2, 3))
-    lengths = np.empty(levels + 2, np.int64)
+    ends = np.empty((levels + 2, 3))  # states drawn ahead, the nearest last
+    lengths = np.empty(levels + 2, np.int64)  # j of the stretch up to each
     newest = 0
     count = 0
     for i in range(begin, len(pixel)):
-        w, r, z = whole[i], real[i], store[i]
-        segment = w[SEGMENT]
+        at, wake, segment, used, counter = (
+            whole[i, AT], whole[i, WAKE], whole[i, SEGMENT], whole[i, USED], whole[i, COUNTER]
+        )  # fmt: skip
+        v, p, s, level = real[i, V], real[i, P], real[i, SLOW], real[i, LEVEL]
+        on_level, off_level = real[i, ON_LEVEL], real[i, OFF_LEVEL]
+        z = store[i]
         current = max(fixed[i, GAIN] * settled_lux[segment] + fixed[i, DARK], c.lowest_fa)
         which, newest = table_of(current, c, slow, levels, kept, tables, newest)
+        table = tables[which]
         slope = fixed[i, LEAK] + leaks[segment]
-        while w[AT] < stop - 1 and count < len(events):
-            if w[AT] >= first[segment + 1] - 1:
-                while w[AT] >= first[segment + 1] - 1:
+        end = min(first[segment + 1], stop) - 1
+        top = -1
+        while at < stop - 1 and count < len(events):
+            if used > DRAWS - MOST_DRAWS:
+                fill_draws(pixel[i], counter, key0, key1, words, z)
+                counter += DRAW_LANES
+                used = 0
+            if at >= end:
+                while at >= first[segment + 1] - 1:
                     segment += 1
                 current = max(fixed[i, GAIN] * settled_lux[segment] + fixed[i, DARK], c.lowest_fa)
                 which, newest = table_of(current, c, slow, levels, kept, tables, newest)
+                table = tables[which]
                 slope = fixed[i, LEAK] + leaks[segment]
-                step = r[LEVEL] - math.log(current)
-                r[LEVEL] -= step
-                r[V] += step
-                r[P] += step
-                r[ON_LEVEL] += step
-                r[OFF_LEVEL] += step
-            last = min(first[segment + 1] - 1, stop - 1)
-            table = tables[which]
+                end = min(first[segment + 1], stop) - 1
+                step = level - math.log(current)
+                level -= step
+                v += step
+                p += step
+                on_level += step
+                off_level += step
             event = 0
-            if w[AT] < until[segment]:
-                event = walk(
-                    min(last, until[segment]), lux[w[AT] + 1 - lux_begin :], r[LEVEL], fixed[i], c, slope, pixel[i],
-                    key0, key1, words, z, w, r,
-                )  # fmt: skip
-            elif w[WAKE] != NEVER:
-                skip(min(w[WAKE], last) - w[AT], table, slow, pixel[i], key0, key1, words, z, w, r)
+            if at < until[segment]:
+                v, p, s = walk(lux[at + 1 - lux_begin], level, fixed[i, GAIN], fixed[i, DARK], c, v, p, s, z, used)
+                used += 3
+                at += 1
+                if wake == NEVER:
+                    on_level -= slope
+                    off_level -= slope
+                    event = event_at(v + s, on_level, off_level)
+            elif wake != NEVER:
+                j = largest(min(wake, end) - at, levels)
+                v, p, s = draw_end(table, slow, j, v, p, s, z, used)
+                used += 3
+                at += 1 << j
             else:
-                j = choose(r, slope, last - w[AT], table)
-                event = block(j, table, slow, slope, pixel[i], key0, key1, words, z, w, r, ends, lengths)
+                if top < 0:
+                    top = 0
+                    lengths[0] = choose(table, levels, end - at, slope, v, s, on_level, off_level)
+                    ends[0, V], ends[0, P], ends[0, SLOW] = draw_end(table, slow, lengths[0], v, p, s, z, used)
+                    used += 3
+                j = lengths[top]
+                v1, p1, s1 = ends[top, V], ends[top, P], ends[top, SLOW]
+                drift = slope * (1 << j)
+                upper, lower = on_level - max(drift, 0.0), off_level - min(drift, 0.0)
+                if j == 0 or (j > 1 and safe(table, j, v, p, s, v1, p1, s1, upper, lower)):
+                    v, p, s = v1, p1, s1
+                    on_level -= drift
+                    off_level -= drift
+                    at += 1 << j
+                    top -= 1
+                    event = event_at(v + s, on_level, off_level)
+                else:
+                    top += 1
+                    ends[top, V], ends[top, P], ends[top, SLOW] = draw_middle(
+                        table, slow, j, v, p, s, v1, p1, s1, z, used
+                    )
+                    used += 3
+                    lengths[top - 1] = j - 1
+                    lengths[top] = j - 1
             if event != 0:
-                events[count] = (w[AT] * pixels + rank[i]) * 2 + (event > 0)
+                events[count] = (at * pixels + rank[i]) * 2 + (event > 0)
                 count += 1
-                w[WAKE] = w[AT] + dead[i]
-            if w[AT] == w[WAKE]:
-                w[WAKE] = NEVER
-                memorised = r[V] + r[SLOW]
+                wake = at + dead[i]
+                top = -1  # what was drawn ahead is forgotten
+            if at == wake:
+                wake = NEVER
+                memorised = v + s
                 if c.reset_rms > 0.0:
-                    refill(6, pixel[i], key0, key1, words, z, w)
-                    memorised += c.reset_rms * np.float64(z[w[USED]])
-                    w[USED] += 1
-                r[ON_LEVEL] = memorised + fixed[i, ON]
-                r[OFF_LEVEL] = memorised - fixed[i, OFF]
-        w[SEGMENT] = segment
-        if w[AT] < stop - 1:
+                    memorised += c.reset_rms * np.float64(z[used])
+                    used += 1
+                on_level = memorised + fixed[i, ON]
+                off_level = memorised - fixed[i, OFF]
+        whole[i, AT], whole[i, WAKE], whole[i, SEGMENT] = at, wake, segment
+        whole[i, USED], whole[i, COUNTER] = used, counter
+        real[i, V], real[i, P], real[i, SLOW], real[i, LEVEL] = v, p, s, level
+        real[i, ON_LEVEL], real[i, OFF_LEVEL] = on_level, off_level
+        if at < stop - 1:
             return i, count
     return len(pixel), count
