@@ -75,6 +75,8 @@ _NEAR: Final = 0.5
 _JUMP_DRIFT: Final = 0.02
 #: Of the distance to a level that moves in a block, at least this part is kept.
 _KEPT_DISTANCE: Final = 0.5
+#: and the block must not be more than this many times as long as one that is chosen for the nearer levels.
+_KEPT_LENGTHS: Final = 2
 
 #: A path is taken never to reach a line if the exponent of the probability is beyond this: 1 in 10^11.
 _NO_HIT: Final = 25.0
@@ -281,15 +283,31 @@ def block_under_moving_light(w, on_level, off_level, slope, most, scale, place, 
     """Return the samples of the next block, and both levels for w where they are nearest in it."""
     table, lows, highs, begin = moving
     now = between_nodes(table, place, at - begin)
-    near = min(on_level - now - w, w - off_level + now)
     samples = choose_block(w, on_level - now, off_level - now, most, scale)
     while True:
         low, high = extremes(lows, highs, place, begin, at, at + samples)
-        upper = on_level - high - max(slope, 0.0) * samples
-        lower = off_level - low - min(slope, 0.0) * samples
-        if samples == 1 or min(upper - w, w - lower) >= _KEPT_DISTANCE * near:
+        upper, lower = nearest(on_level - high, off_level - low, slope, samples)
+        if keeps_distance(w, on_level - now, off_level - now, upper, lower, samples, scale):
             return samples, upper, lower
         samples = (samples + 1) // 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest(upper, lower, slope, samples):  # type: ignore[no-untyped-def]
+    """Return both levels where a leak takes them nearest to the pixel in a block."""
+    return upper - max(slope, 0.0) * samples, lower - min(slope, 0.0) * samples
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # type: ignore[no-untyped-def]
+    """Return whether a block is fit for levels that come as near as `upper` and `lower` in it.
+
+    Otherwise it would be hit for nothing, or its line might lie behind the pixel.
+    """
+    return samples == 1 or (
+        min(upper - w, w - lower) >= _KEPT_DISTANCE * min(on_level - w, w - off_level)
+        and choose_block(w, upper, lower, samples, scale) * _KEPT_LENGTHS >= samples
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -407,13 +425,11 @@ def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, reset, sensor
             else:
                 most = min((last if at >= quiet else min(last, quiet)) - at, longest[i])
                 samples = choose_block(w, on_level, off_level, most, scale)
-                if slope != 0.0:
-                    near = on_level - w if slope > 0.0 else w - off_level
-                    samples = max(min(samples, int((1.0 - _KEPT_DISTANCE) * near / abs(slope))), 1)
-                gone, w, used = block(
-                    w, on_level - max(slope, 0.0) * samples, off_level - min(slope, 0.0) * samples,
-                    samples, rate, fades, spreads, tangents, z, used,
-                )  # fmt: skip
+                upper, lower = nearest(on_level, off_level, slope, samples)
+                while not keeps_distance(w, on_level, off_level, upper, lower, samples, scale):
+                    samples = (samples + 1) // 2
+                    upper, lower = nearest(on_level, off_level, slope, samples)
+                gone, w, used = block(w, upper, lower, samples, rate, fades, spreads, tangents, z, used)
                 at += gone
                 on_level -= slope * gone
                 off_level -= slope * gone

@@ -36,6 +36,8 @@ Z_STEP: Final = 0.1
 _LOWEST: Final = -8.0
 #: Mean distance of two nodes, in rms of one step. Gauss-Legendre nodes are at most pi/2 times as far apart.
 _NODE_STEPS: Final = 0.5
+#: No step is longer, in its rms.
+_STEP_REACH: Final = 10.0
 #: Inverse iteration: how far above 1, and how often. The next eigenvalue is 3 times as far away from 1, or further.
 _SHIFT: Final = 1e-11
 _ITERATIONS: Final = 30
@@ -57,18 +59,25 @@ class HazardTable:
 
 def quasi_stationary(low: float, high: float, rho: float) -> tuple[Floats, Floats]:
     """Return nodes in (low, high) and the probability of each, for noise that has long been within these barriers."""
-    from scipy.linalg import cho_factor, cho_solve
+    from scipy.linalg import cho_solve_banded, cholesky_banded
 
     s = math.sqrt(1.0 - rho * rho)
     unit, weight = _legendre(max(24, 8 * math.ceil((high - low) / (8.0 * _NODE_STEPS * s))))
     x = 0.5 * (high + low) + 0.5 * (high - low) * unit
     weight = 0.5 * (high - low) * weight
-    exponent = -0.5 * ((x - rho * x[:, None]) / s) ** 2 + 0.25 * (x**2 - x[:, None] ** 2)
-    matrix = np.sqrt(weight * weight[:, None]) * np.exp(exponent) / (s * math.sqrt(2.0 * math.pi))
-    factor = cho_factor((1.0 + _SHIFT) * np.eye(len(x)) - matrix, lower=True)
+    # One step leads to nodes nearby only: upper form of a banded matrix, row by row.
+    band = min(len(x) - 1, int(np.max(np.searchsorted(x, x + _STEP_REACH * s) - np.arange(len(x)))))
+    matrix = np.zeros((band + 1, len(x)))
+    for k in range(band + 1):
+        a, b = x[: len(x) - k], x[k:]
+        exponent = -0.5 * ((b - rho * a) / s) ** 2 + 0.25 * (b**2 - a**2)
+        matrix[band - k, k:] = -np.sqrt(weight[: len(x) - k] * weight[k:]) * np.exp(exponent)
+    matrix /= s * math.sqrt(2.0 * math.pi)
+    matrix[band] += 1.0 + _SHIFT
+    factor = cholesky_banded(matrix)
     vector = np.sqrt(weight) * np.exp(-0.25 * x**2)
     for _ in range(_ITERATIONS):
-        vector = cho_solve(factor, vector)
+        vector = cho_solve_banded((factor, False), vector)
         vector /= np.linalg.norm(vector)
     mass = vector * np.sqrt(weight) * np.exp(-0.25 * x**2)
     return x, mass / mass.sum()

@@ -25,7 +25,7 @@ from sim_backend.pixel.engines.general_kernels import exp_falling
 #: more: a Brownian bridge reaches a level at K times the deviation in its middle with exp(-K^2 / 2) = 7e-10.
 STRICT: Final = 6.5
 #: A block is begun only if the level is also this many of the deviations of its end away.
-_REACH: Final = 1.0
+_REACH: Final = 0.5
 #: Largest j of a block of 2^j samples.
 MOST_HALVINGS: Final = 13
 #: Between the ends of a block the expected output is looked at in 2^DEPTH parts when the table is made.
