@@ -48,6 +48,8 @@ __all__ = ["SETTINGS", "Setting", "Stimulus", "constant", "reset_test", "setting
 _LUX: Final = 10.0
 _PERIOD_S: Final = 0.2
 _THETA: Final = 0.3
+#: Effects with a memory of their own.
+_MEMORIES: Final = frozenset({"photoreceptor_bandwidth", "low_frequency_noise", "high_pass"})
 #: Stands for the individual sensor.
 _SENSOR_SEED: Final = 3
 
@@ -97,9 +99,9 @@ class Setting:
     tile: int = 1  #: 1: all pixels are independent; else they stand in squares this wide, with a gap between them
 
     @property
-    def two_poles(self) -> bool:
-        """Whether there is a photoreceptor in front of the source follower."""
-        return self.model.effect("photoreceptor_bandwidth") is not None
+    def poles(self) -> int:
+        """Number of low-passes and of slow processes: the source follower, and what has a memory beside it."""
+        return 1 + sum(e.id in _MEMORIES for e in self.model.effects)
 
     @property
     def apart(self) -> float:
