@@ -1,8 +1,8 @@
 """Print the time per pixel and second of both engines at all settings, side by side, with their statistics beside it.
 
 Repeats of both engines in turn, the shortest counts; one thread, and the processor's time, so that other programs
-matter little. Look at the ratio: both engines share whatever slows the processor down. The goals stand below the table with what was
-measured. Names of settings may be given: ``python benchmarks/fast_engine.py "200 Hz, 10 ms" "leak"``.
+matter little. Look at the ratio: both engines share whatever slows the processor down. The goals stand below the
+table with what was measured. Names of settings may be given: ``python benchmarks/fast_engine.py "200 Hz, 10 ms" "leak"``.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def summary(rows: Sequence[Row]) -> None:
 def main(names: Sequence[str]) -> None:
     """Measure and print."""
     print(
-        f"{ROI.pixels} pixels, {DURATION_S:g} s, one thread; us of the processor per pixel and second; figures: reference, fast"
+        f"{ROI.pixels} pixels, {DURATION_S:g} s, one thread; processor time in us per pixel and second; reference, fast"
     )
     print(f"{'':{WIDTH}}  reference    fast  ratio  events a period  ON response      latency, ms")
     rows = []
