@@ -2,7 +2,9 @@
 
 Repeats of both engines in turn, the shortest counts; one thread, and the processor's time, so that other programs
 matter little. Look at the ratio: both engines share whatever slows the processor down. The goals stand below the
-table with what was measured. Names of settings may be given: ``python benchmarks/fast_engine.py "200 Hz, 10 ms" "leak"``.
+table with what was measured. Names of settings may be given::
+
+    python benchmarks/fast_engine.py "200 Hz, 10 ms" "leak"
 """
 
 from __future__ import annotations
@@ -158,9 +160,7 @@ def summary(rows: Sequence[Row]) -> None:
 
 def main(names: Sequence[str]) -> None:
     """Measure and print."""
-    print(
-        f"{ROI.pixels} pixels, {DURATION_S:g} s, one thread; processor time in us per pixel and second; reference, fast"
-    )
+    print(f"{ROI.pixels} pixels, {DURATION_S:g} s, one thread; processor time, us per pixel and second; pairs: both")
     print(f"{'':{WIDTH}}  reference    fast  ratio  events a period  ON response      latency, ms")
     rows = []
     for one in [setting(name) for name in names] or SETTINGS:
