@@ -186,8 +186,8 @@ _WITH_EFFECTS: Final = (
         + StrayLight(illuminance_lux=0.01), square(_LOW_STEP, _LOW_LUX),
     ),
     Setting(
-        "leak", "ordinary leak, different in each pixel", _noisy(200.0, 1e-2) + Leak(rate_per_s=0.05, spread=0.3),
-        square(0.28),
+        "leak", "leak at the upper end, different in each pixel",
+        _noisy(200.0, 1e-2) + Leak(rate_per_s=0.2, spread=0.3), square(0.28),
     ),
     Setting(
         "strong leak, constant", "regular ON events, thresholds that move in a quiet pixel",
@@ -211,7 +211,7 @@ _WITH_EFFECTS: Final = (
         square(0.3),
     ),
     Setting(
-        "drift", "light that rises all the time", _noisy(200.0, 1e-2) + LightDrift(rate_per_s=0.02), square(0.28)
+        "drift", "light that rises all the time", _noisy(200.0, 1e-2) + LightDrift(rate_per_s=0.2), square(0.28)
     ),
     Setting(
         "drift, constant", "falling light, quiet pixel", _noisy(200.0, 1e-3, 5.0) + LightDrift(rate_per_s=-0.02),
