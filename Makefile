@@ -4,6 +4,7 @@
 #   make test    all tests
 #   make check   lint, types, import contracts, quick tests, wheel
 #   make bench   speed, side by side
+#   make verify  the fast engine against the reference engine, 1e5 pulses at each of many settings (under 40 minutes)
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -16,7 +17,7 @@ RUN_ENV  := $(VENV)/.ready-run
 TEST_ENV := $(VENV)/.ready-test
 DEV_ENV  := $(VENV)/.ready-dev
 
-.PHONY: help demo test quick check lint types contracts wheel bench lock clean
+.PHONY: help demo test quick check lint types contracts wheel bench verify lock clean
 .DELETE_ON_ERROR:
 
 help:
@@ -50,6 +51,9 @@ bench: $(TEST_ENV)
 	$(BIN)/python benchmarks/decode.py
 	$(BIN)/python benchmarks/engine.py
 	$(BIN)/python benchmarks/fast_engine.py
+
+verify: $(TEST_ENV)
+	$(BIN)/python benchmarks/equal_statistics.py
 
 lock:
 	.ci/lock
