@@ -10,12 +10,14 @@ import numpy as np
 from bench.analysis.windows import TestGroup, reset_windows, test_windows
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import numpy.typing as npt
 
     from bench.analysis.windows import ResetWindows, TestWindows
     from bench.store.data import PointData
 
-__all__ = ["GroupTally", "PointTally", "tally_point"]
+__all__ = ["GroupTally", "PointTally", "tally_events", "tally_point"]
 
 _FINE_BINS: Final = 1 << 18  # latencies are kept to 1 us up to 262 ms, and more coarsely in longer windows
 
@@ -143,6 +145,19 @@ def tally_point(point: PointData, chunk: int = 1_000_000) -> PointTally:
     point
         The point; its events are read in chunks of at most `chunk`, and none is kept.
     """
+    return tally_events(point, point.events(chunk))
+
+
+def tally_events(point: PointData, chunks: Iterable[npt.NDArray[np.void]]) -> PointTally:
+    """Count in `chunks`, events in order of time, what :func:`tally_point` counts in the events of the point itself.
+
+    Parameters
+    ----------
+    point
+        Says which pixels there were, when the light stepped, and when an answer counts.
+    chunks
+        Arrays of `EVENT_DTYPE`, for instance of a simulation of this point.
+    """
     tests = test_windows(point)
     resets = reset_windows(point, tests)
     roi, active = point.roi, active_pixels(point)
@@ -153,7 +168,7 @@ def tally_point(point: PointData, chunk: int = 1_000_000) -> PointTally:
     outside = late = 0
     # A recording may end with its last event: that one belongs to it.
     end_us = round(point.duration_s * 1e6)
-    for events in point.events(chunk):
+    for events in chunks:
         x, y = events["x"].astype(np.int64) - roi.x, events["y"].astype(np.int64) - roi.y
         inside = (x >= 0) & (x < roi.width) & (y >= 0) & (y < roi.height)
         outside += int(inside.size - np.count_nonzero(inside))

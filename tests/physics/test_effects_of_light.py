@@ -42,6 +42,7 @@ def times_s(events: npt.NDArray[np.void], polarity: int = 1) -> npt.NDArray[np.f
 # light_flicker
 
 
+@pytest.mark.effect("light_flicker", shows="closed_form")
 def test_flicker_fires_where_the_ripple_crosses_the_threshold(record: Record) -> None:
     """From phase 0 the level is memorised at u = 0: ON where ``ln(1 + depth sin x) = theta``."""
     model = FAST + LightFlicker(depth=0.5, frequency_hz=100.0, phase=0.0)
@@ -53,6 +54,7 @@ def test_flicker_fires_where_the_ripple_crosses_the_threshold(record: Record) ->
     assert later["p"][0] == 0  # from the crest it goes down
 
 
+@pytest.mark.effect("light_flicker", shows="signature")
 def test_events_are_locked_to_the_flicker_and_each_recording_has_its_own_phase(record: Record) -> None:
     noisy = PixelModel(noise_rms=0.05, corner_hz=1000.0, refractory_s=1e-3)
     phases = []
@@ -70,6 +72,8 @@ def test_events_are_locked_to_the_flicker_and_each_recording_has_its_own_phase(r
 # light_drift
 
 
+@pytest.mark.effect("light_drift", shows="signature")
+@pytest.mark.effect("light_drift", shows="closed_form")
 @pytest.mark.parametrize(("rate_per_s", "polarity"), [(0.8, 1), (-0.5, 0)])
 def test_drift_gives_events_of_one_polarity_at_equal_ratios(record: Record, rate_per_s: float, polarity: int) -> None:
     """``ln(1 + rate t)`` passes a multiple of theta at each event."""
@@ -86,6 +90,8 @@ def test_drift_gives_events_of_one_polarity_at_equal_ratios(record: Record, rate
 # nd_error
 
 
+@pytest.mark.effect("nd_error", shows="signature")
+@pytest.mark.effect("nd_error", shows="closed_form")
 @pytest.mark.parametrize(("nd_od", "error"), [(3.0, 0.1), (3.0, -0.1), (0.0, 0.1)])
 def test_an_nd_error_moves_low_light_curves_only_where_a_filter_is_in(
     record: Record, nd_od: float, error: float
@@ -100,6 +106,7 @@ def test_an_nd_error_moves_low_light_curves_only_where_a_filter_is_in(
     assert answers == [0, 1]
 
 
+@pytest.mark.effect("nd_error", shows="signature")
 def test_an_nd_error_is_invisible_on_an_ideal_pixel(record: Record) -> None:
     light = step(0.7, 0.2, nd_od=3.0)
     assert np.array_equal(record(FAST + NdError(delta_od=0.3), light, 0.02), record(FAST, light, 0.02))
@@ -108,6 +115,8 @@ def test_an_nd_error_is_invisible_on_an_ideal_pixel(record: Record) -> None:
 # contrast_error
 
 
+@pytest.mark.effect("contrast_error", shows="signature")
+@pytest.mark.effect("contrast_error", shows="closed_form")
 @pytest.mark.parametrize("gain_error", [0.25, -0.2])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_contrast_error_scales_the_log_contrast(record: Record, gain_error: float, sign: int) -> None:
@@ -120,6 +129,7 @@ def test_a_contrast_error_scales_the_log_contrast(record: Record, gain_error: fl
 # shot_noise
 
 
+@pytest.mark.effect("shot_noise", shows="closed_form")
 def test_shot_noise_has_the_rms_of_its_closed_form(record: Record) -> None:
     """Behind one low-pass ``rms^2 = factor q / (2 I tau)``: as many events as with light-independent noise of it."""
     base = PixelModel(noise_rms=0.0, corner_hz=500.0, refractory_s=5e-3)
@@ -139,6 +149,7 @@ def test_shot_noise_has_the_rms_of_its_closed_form(record: Record) -> None:
     assert on == pytest.approx(len(shot) / 2, abs=2.0 * math.sqrt(len(shot)))
 
 
+@pytest.mark.effect("shot_noise", shows="signature")
 def test_shot_noise_grows_as_the_light_falls(record: Record) -> None:
     model = PixelModel(noise_rms=0.0, corner_hz=500.0, refractory_s=1e-3) + ShotNoise()
     counts = [len(record(model, lux, 0.5, roi=ROI)) for lux in (10.0, 2.0, 1.2, 0.8)]
@@ -147,6 +158,7 @@ def test_shot_noise_grows_as_the_light_falls(record: Record) -> None:
     assert 3 * counts[2] < counts[3]
 
 
+@pytest.mark.effect("photoreceptor_bandwidth", shows="signature")
 def test_behind_the_photoreceptor_shot_noise_is_alike_at_every_light(record: Record) -> None:
     """With the corner c I the rms is sqrt(factor pi c q), and only the rate of events scales with the light."""
     model = PixelModel(noise_rms=0.0, corner_hz=4e4, refractory_s=0.0)
@@ -163,6 +175,8 @@ def test_behind_the_photoreceptor_shot_noise_is_alike_at_every_light(record: Rec
 # photoreceptor_bandwidth
 
 
+@pytest.mark.effect("photoreceptor_bandwidth", shows="signature")
+@pytest.mark.effect("photoreceptor_bandwidth", shows="closed_form")
 @pytest.mark.parametrize("lux", [0.2, 1.0, 5.0])
 def test_the_latency_falls_as_one_over_the_light(record: Record, lux: float) -> None:
     """A step of ``theta / (1 - 1/e)`` is answered after one time constant, ``1 / (2 pi hz_per_fa I)``."""
@@ -174,6 +188,7 @@ def test_the_latency_falls_as_one_over_the_light(record: Record, lux: float) -> 
     assert events["t"][0] * 1e-6 - 0.01 == pytest.approx(expected_s, abs=3.0 * DT_S)
 
 
+@pytest.mark.effect("photoreceptor_bandwidth", shows="closed_form")
 def test_the_corner_is_limited_and_counts_the_dark_current(record: Record) -> None:
     contrast = 0.3 / (1.0 - math.exp(-1.0))
     bright = FAST + PhotoreceptorBandwidth(hz_per_fa=2.0, max_hz=100.0)
@@ -188,6 +203,8 @@ def test_the_corner_is_limited_and_counts_the_dark_current(record: Record) -> No
     assert record(dark, light, 0.1)["t"][0] * 1e-6 - 0.01 == pytest.approx(expected_s, abs=3.0 * DT_S)
 
 
+@pytest.mark.effect("photoreceptor_bandwidth", shows="signature")
+@pytest.mark.effect("photoreceptor_bandwidth", shows="closed_form")
 @pytest.mark.parametrize("pulse_s", [0.005, 0.02])
 def test_a_short_pulse_needs_more_contrast(record: Record, pulse_s: float) -> None:
     """With a corner that does not move, ``theta / (1 - exp(-2 pi f T))``."""

@@ -118,6 +118,8 @@ def answers(record: Record, effect: Effect, first_lux: float, then_lux: float, p
     return bool(np.any(record(model, light, 0.1)["p"] == polarity))
 
 
+@pytest.mark.effect("dark_current", "stray_light", shows="signature")
+@pytest.mark.effect("dark_current", "stray_light", shows="closed_form")
 @pytest.mark.parametrize("effect", IN_THE_DARK, ids=lambda e: e.id)
 @pytest.mark.parametrize(
     ("lux", "log_contrast"),
@@ -140,6 +142,7 @@ def test_dark_current_raises_the_contrast_that_is_needed(
     assert answers(record, effect, lux, lux * math.exp(log_contrast + 1e-3), 1)
 
 
+@pytest.mark.effect("dark_current", "stray_light", shows="closed_form")
 @pytest.mark.parametrize("effect", IN_THE_DARK, ids=lambda e: e.id)
 def test_near_the_dark_limit_no_off_event_is_possible(record: Record, effect: Effect) -> None:
     """From below ``E_d (e^theta - 1)`` = 61.3 mlux even darkness is no OFF event."""

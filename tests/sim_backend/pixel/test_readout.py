@@ -112,6 +112,7 @@ def test_what_finds_the_queue_full_is_lost() -> None:
     assert read_out(later, **chain)["t"].tolist() == [1010, 1020, 1030, 1040, 1050, 1060]
 
 
+@pytest.mark.effect("readout_saturation", shows="closed_form")
 def test_the_queue_waits_as_the_theory_says() -> None:
     """Random arrivals, constant service (M/D/1): the mean wait is ``load / (2 (1 - load))`` services."""
     load, service_us = 0.6, 20.0
@@ -128,6 +129,7 @@ def test_the_queue_waits_as_the_theory_says() -> None:
 # Hot pixels
 
 
+@pytest.mark.effect("hot_pixels", shows="closed_form")
 def test_hot_pixels_are_a_fraction_and_fire_at_random() -> None:
     model = PixelModel() + HotPixels(fraction=0.02, rate_hz=60.0)
     chain = build_chain(model, Roi(0, 0, 200, 100), 9)
@@ -155,6 +157,7 @@ def test_other_recordings_have_other_hot_events_of_the_same_pixels() -> None:
 # Crosstalk
 
 
+@pytest.mark.effect("crosstalk", shows="closed_form")
 def test_copies_lie_in_a_neighbour_within_10_us() -> None:
     n = 20_000
     t_us = 40.0 * np.arange(n)
@@ -206,6 +209,7 @@ def test_what_is_stamped_outside_the_recording_is_not_in_it() -> None:
 # Trail filter
 
 
+@pytest.mark.effect("trail_filter", shows="closed_form")
 def test_only_the_first_event_of_a_run_passes() -> None:
     t_us = [0, 100, 900, 1800, 1900, 2000, 3000, 3999]
     polarity = [1, 1, 1, 1, 0, 0, 0, 0]

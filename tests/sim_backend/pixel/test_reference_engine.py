@@ -167,6 +167,7 @@ def test_another_seed_gives_other_events_and_the_same_seed_the_same() -> None:
     assert not np.array_equal(events_of(BUSY, seed=3), events_of(BUSY, seed=3 + (1 << 32)))
 
 
+@pytest.mark.effect(shows="null")
 @pytest.mark.parametrize("effect_id", sorted(effects()))
 def test_an_effect_at_its_null_value_changes_no_event(effect_id: str) -> None:
     base = PixelModel(noise_rms=0.09, corner_hz=300.0, refractory_s=2e-3)
@@ -180,6 +181,7 @@ def test_an_effect_at_its_null_value_changes_no_event(effect_id: str) -> None:
     assert not np.array_equal(events_of(base + visible, light=light), expected)
 
 
+@pytest.mark.effect(shows="null")
 @pytest.mark.parametrize("effect_id", sorted(effects()))
 def test_an_effect_at_its_null_value_changes_no_event_of_a_pixel_with_all_the_others(effect_id: str) -> None:
     base = EVERYTHING.without(effect_id)
