@@ -36,8 +36,13 @@ _COMMANDS: Final = {
     "import": "Make a run of recordings that were taken elsewhere.",
     "events": "Say what is in a recording.",
     "effects": "List the physical effects that a pixel model may have; explain one.",
+    "calibrate-noise": "Find the noise that gives a background rate.",
     "devices": "List the drivers, and what answers on a station.",
 }
+
+
+#: Modules whose name differs from that of their command.
+_MODULES: Final = {"import": "import_", "calibrate-noise": "calibrate_noise"}
 
 
 class _LazyGroup(click.Group):
@@ -51,7 +56,7 @@ class _LazyGroup(click.Group):
         del ctx
         if cmd_name not in _COMMANDS:
             return None
-        module = importlib.import_module(f"bench.commands.{cmd_name.replace('import', 'import_')}")
+        module = importlib.import_module(f"bench.commands.{_MODULES.get(cmd_name, cmd_name)}")
         command: click.Command = module.command
         return command
 
