@@ -8,9 +8,9 @@ import re
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
-from bench.logs import log_into
+from bench.logs import LOG_FILE, log_into
 from bench.run.plan import plan_or_raise
 from bench.run.progress import NoProgress, Stopwatch
 from bench.run.recorder import Recorder
@@ -29,10 +29,9 @@ if TYPE_CHECKING:
     from bench.station import Station
     from protocols.points import Point, Roi
 
-__all__ = ["LOG_FILE", "RunResult", "Task", "assume_done", "new_run_id", "take_run"]
+__all__ = ["RunResult", "Task", "assume_done", "new_run_id", "take_run"]
 
 _log = logging.getLogger("evs_bench.run")
-LOG_FILE: Final = "evs-bench.log"
 
 
 @dataclass(frozen=True, slots=True)
