@@ -26,7 +26,7 @@ def command(run: Path, no_pixel_maps: bool, out: Path | None, as_json: bool) -> 
     from bench.logs import LOG_FILE, log_into
     from bench.store import Run
 
-    opened = Run.open(run)
+    opened = Run.open(run).without_damaged()
     results = results_folder(run, out)
     with log_into(results / LOG_FILE):
         analysis, folder = evaluate(opened, results, pixel_maps=not no_pixel_maps)

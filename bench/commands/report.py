@@ -21,7 +21,7 @@ def command(run: Path, out: Path | None, as_json: bool) -> None:
     from bench.logs import LOG_FILE, log_into
     from bench.store import Run
 
-    opened = Run.open(run)
+    opened = Run.open(run).without_damaged()
     results = results_folder(run, out)
     with log_into(results / LOG_FILE):
         analysis, _ = evaluate(opened, results)
