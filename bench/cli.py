@@ -101,8 +101,10 @@ def run(arguments: list[str]) -> int:
         return EXIT_INPUT
     except click.ClickException as error:
         return _fail(EXIT_INPUT, _usage(error))
-    except (KeyboardInterrupt, click.Abort):
-        return _fail(EXIT_STOPPED, "stopped")
+    except (KeyboardInterrupt, click.Abort) as error:
+        # Click makes an Abort of a KeyboardInterrupt; a run that was stopped says in it what was kept.
+        interrupt = error.__cause__ if isinstance(error, click.Abort) else error
+        return _fail(EXIT_STOPPED, str(interrupt or "") or "stopped")
     except (BrokenPipeError, SystemExit) as error:
         return _reader_gone() if _stdout_is_closed() else _report(error.__context__ or error)  # click hides it
     except Exception as error:  # noqa: BLE001 - the last resort: every failure becomes one line and a code

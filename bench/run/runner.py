@@ -166,12 +166,22 @@ class _Run:
             done = self._take_until_stopped(planned)
         except BaseException as error:
             self._note_if_possible("run_aborted", reason=_reason(error))
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(self._stopped_at_once(planned)) from error
             raise
         if done < len(planned):
             note("run_aborted", reason="stopped by the operator")
         else:
             note("run_finished")
         return done
+
+    def _stopped_at_once(self, planned: Sequence[PlannedPoint]) -> str:
+        """Return what an operator should know who did not wait for the end of a point."""
+        done, folder = sum(self._writer.is_done(item.point.index) for item in planned), self._writer.folder
+        text = f"stopped at once, after {done} of {len(planned)} points; the point that was being taken is not kept"
+        if not done:
+            return f"{text}; take the run again, with another --out"
+        return f"{text}, the others are, in {folder}; evaluate them with: evs-bench report {folder}"
 
     def _take_until_stopped(self, planned: Sequence[PlannedPoint]) -> int:
         self._writer.note_plan([item.point.index for item in planned])
