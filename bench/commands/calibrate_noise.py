@@ -64,6 +64,8 @@ def command(
     """
     from bench.models.noise_calibration import calibrate_noise
 
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)  # that it cannot be written is said before, not after the work
     base = {"corner_hz": corner_hz, "theta_on": theta_on, "theta_off": theta_off, "refractory_s": refractory_s}
     found = calibrate_noise(
         _model(base, file, lux),
@@ -130,7 +132,6 @@ def _save(found: NoiseCalibration, out: Path) -> None:
     from bench.report.figures.style import house_style
     from bench.report.saving import save_figure
 
-    out.mkdir(parents=True, exist_ok=True)
     (out / "noise.json").write_text(json.dumps(found.to_dict(), indent=2) + "\n", encoding="utf-8")
     with house_style():
         save_figure(figure.draw(found), out, "noise")

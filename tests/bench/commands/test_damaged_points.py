@@ -37,6 +37,7 @@ def damage(folder: Path, point: int) -> None:
     file.write_bytes(file.read_bytes()[:3000])
 
 
+@pytest.mark.slow
 def test_the_rest_is_analysed_and_the_loss_is_told_first(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     damage(folder, 2)
     assert run(["analyze", str(folder), "--no-pixel-maps"]) == 0

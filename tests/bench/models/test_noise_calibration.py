@@ -100,12 +100,14 @@ def test_more_than_the_dead_time_allows_is_refused() -> None:
         calibrate_noise(pixel(200.0, 1e-2), 200.0, lux=10.0)
 
 
+@pytest.mark.slow
 def test_hot_pixels_that_give_more_than_the_target_are_named() -> None:
     model = pixel(2000.0, 1e-2) + HotPixels(fraction=0.5, rate_hz=50.0)
     with pytest.raises(InputError, match=r"without this noise the pixel already has .* Hz \(hot_pixels\), more than"):
         calibrate_noise(model, 5.0, lux=10.0, pixels=64, seconds=2.0, wait_s=0.0)
 
 
+@pytest.mark.slow
 def test_the_command_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     base = ["--corner-hz", "2000", "--theta-on", "0.3", "--theta-off", "0.3", "--refractory-s", "1e-3"]
     arguments = ["calibrate-noise", "--target-hz", "10", *base, "--pixels", "128"]
