@@ -36,8 +36,13 @@ _COMMANDS: Final = {
     "import": "Make a run of recordings that were taken elsewhere.",
     "events": "Say what is in a recording.",
     "effects": "List the physical effects that a pixel model may have; explain one.",
+    "calibrate-noise": "Find the noise that gives a background rate.",
     "devices": "List the drivers, and what answers on a station.",
 }
+
+
+#: Modules whose name differs from that of their command.
+_MODULES: Final = {"import": "import_", "calibrate-noise": "calibrate_noise"}
 
 
 class _LazyGroup(click.Group):
@@ -51,7 +56,7 @@ class _LazyGroup(click.Group):
         del ctx
         if cmd_name not in _COMMANDS:
             return None
-        module = importlib.import_module(f"bench.commands.{cmd_name.replace('import', 'import_')}")
+        module = importlib.import_module(f"bench.commands.{_MODULES.get(cmd_name, cmd_name)}")
         command: click.Command = module.command
         return command
 
@@ -96,8 +101,10 @@ def run(arguments: list[str]) -> int:
         return EXIT_INPUT
     except click.ClickException as error:
         return _fail(EXIT_INPUT, _usage(error))
-    except (KeyboardInterrupt, click.Abort):
-        return _fail(EXIT_STOPPED, "stopped")
+    except (KeyboardInterrupt, click.Abort) as error:
+        # Click makes an Abort of a KeyboardInterrupt; a run that was stopped says in it what was kept.
+        interrupt = error.__cause__ if isinstance(error, click.Abort) else error
+        return _fail(EXIT_STOPPED, str(interrupt or "") or "stopped")
     except (BrokenPipeError, SystemExit) as error:
         return _reader_gone() if _stdout_is_closed() else _report(error.__context__ or error)  # click hides it
     except Exception as error:  # noqa: BLE001 - the last resort: every failure becomes one line and a code

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["log_into", "record_bug"]
+__all__ = ["LOG_FILE", "log_into", "record_bug"]
 
+#: Name of the log, in a run folder and elsewhere.
+LOG_FILE: Final = "evs-bench.log"
 _FORMAT: Final = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 _logger: Final = logging.getLogger("evs_bench")
 _logger.addHandler(logging.NullHandler())
@@ -61,5 +63,5 @@ def _own_log() -> Path:
             with contextlib.suppress(OSError):
                 folder.mkdir(parents=True, exist_ok=True)
                 if os.access(folder, os.W_OK):
-                    return folder / "evs-bench.log"
-    return Path("evs-bench.log")
+                    return folder / LOG_FILE
+    return Path(LOG_FILE)

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 __all__ = [
+    "CLASS_PATTERN",
+    "NAME_PATTERN",
     "PROBLEMS_AT",
     "Contrast",
     "Frequency",
@@ -26,6 +28,12 @@ __all__ = [
 
 PathProblem = tuple[tuple[str | int, ...], str]
 """A path below a model, and what is wrong there."""
+
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]*$"
+"""A name that can be part of a file name; :mod:`protocols.explain` says it in words."""
+
+CLASS_PATTERN = r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*$"
+"""The path of a class; :mod:`protocols.explain` says it in words."""
 
 PROBLEMS_AT = "problems_at"
 """Type of the pydantic error that carries problems with their own paths."""

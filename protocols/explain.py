@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
-from protocols.base import PROBLEMS_AT
+from protocols.base import CLASS_PATTERN, NAME_PATTERN, PROBLEMS_AT
 from protocols.errors import Problem
 from protocols.model_keys import keys_at
 
@@ -199,12 +199,17 @@ _TYPES = {
     "string_type": "text",
     "tuple_type": "a list",
 }
+#: What the patterns of all schemas ask for, in words.
+_PATTERNS = {
+    NAME_PATTERN: "must be letters, digits, '_', '.' and '-', and begin with a letter or digit",
+    CLASS_PATTERN: "must be a class path, the module, a colon and the class: my_lab.lamp:Lamp",
+}
 _OTHERS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "string_too_short": lambda c: (
         "must not be empty" if c["min_length"] == 1 else f"is shorter than {c['min_length']}"
     ),
     "string_too_long": lambda c: f"is longer than {c['max_length']} characters",
-    "string_pattern_mismatch": lambda c: f"must look like {c['pattern']}",
+    "string_pattern_mismatch": lambda c: _PATTERNS[c["pattern"]],
 }
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from protocols.axes import Sweep
-from protocols.base import FrozenModel, problems_at
+from protocols.base import NAME_PATTERN, FrozenModel, problems_at
 from protocols.expected import Expected
 from protocols.points import Ambient, Point
 from protocols.settings import Expect, RoiChoice, SettingsChoice, SettleChoice
@@ -38,7 +38,7 @@ class Operator(FrozenModel):
 class Measurement(FrozenModel):
     """One stimulus, and the axes that are swept. What is left out here is taken from the protocol."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
+    name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
     """Name of the measurement; each only once."""
     stimulus: StimulusChoice
     """The light over time."""

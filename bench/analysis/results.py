@@ -133,3 +133,4 @@ class Analysis:
     event_map: npt.NDArray[np.int64]  #: (height, width) events of the whole run, of the window
     event_map_origin: tuple[int, int]  #: x, y of its first pixel, in sensor coordinates
     warnings: tuple[str, ...]
+    damaged: tuple[str, ...] = ()  #: a line for each point that was taken, but whose file cannot be read

@@ -164,6 +164,7 @@ def to_json(analysis: Analysis) -> dict[str, Any]:
         "responses": [_plain(_without(asdict(row), "per_pixel")) for row in analysis.responses],
         "pixel_maps": [_map_summary(item) for item in analysis.pixel_maps],
         "events": int(analysis.event_map.sum()),
+        "damaged": list(analysis.damaged),
         "warnings": list(analysis.warnings),
     }
 
@@ -247,7 +248,7 @@ def _replace(path: Path, content: bytes) -> None:
 
 def summary_lines(analysis: Analysis) -> list[str]:
     """Return the results as lines of text for a terminal: curves, background rates, warnings."""
-    lines = [f"{analysis.run_id}  {analysis.title}".rstrip()]
+    lines = [*_loss(analysis.damaged), f"{analysis.run_id}  {analysis.title}".rstrip()]
     if analysis.curves:
         lines += ["", "S-curves; contrasts in ln units, 90 % intervals", *_columns(_CURVE_TABLE, analysis.curves)]
         lines += _legend(analysis.curves)
@@ -257,6 +258,14 @@ def summary_lines(analysis: Analysis) -> list[str]:
     if warnings:
         lines += ["", "Warnings", *[f"  {text}" for text in warnings]]
     return lines
+
+
+def _loss(damaged: Sequence[str]) -> list[str]:
+    """Return the line that comes before all others when points were lost."""
+    if not damaged:
+        return []
+    points = "1 point is" if len(damaged) == 1 else f"{len(damaged)} points are"
+    return [f"DATA LOST: {points} damaged and left out; the warnings say which"]
 
 
 def _legend(curves: Sequence[SCurve]) -> list[str]:

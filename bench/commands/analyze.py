@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import LOG_NAME, json_option, print_json, results_folder, results_option, say
+from bench.commands.common import json_option, print_json, results_folder, results_option, say
 
 __all__ = ["command"]
 
@@ -23,12 +23,12 @@ def command(run: Path, no_pixel_maps: bool, out: Path | None, as_json: bool) -> 
     """
     from bench.analysis.tables import summary_lines, to_json
     from bench.commands.evaluating import evaluate
-    from bench.logs import log_into
+    from bench.logs import LOG_FILE, log_into
     from bench.store import Run
 
-    opened = Run.open(run)
+    opened = Run.open(run).without_damaged()
     results = results_folder(run, out)
-    with log_into(results / LOG_NAME):
+    with log_into(results / LOG_FILE):
         analysis, folder = evaluate(opened, results, pixel_maps=not no_pixel_maps)
     if as_json:
         print_json(to_json(analysis))

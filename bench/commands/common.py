@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 __all__ = [
-    "LOG_NAME",
     "SEED",
     "interactive",
     "json_option",
@@ -26,7 +25,6 @@ __all__ = [
     "station_option",
 ]
 
-LOG_NAME = "evs-bench.log"
 SEED = click.IntRange(0, 2**63 - 1)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table.")
@@ -43,12 +41,13 @@ results_option = click.option(
 
 def results_folder(run: Path, out: Path | None) -> Path:
     """Return the folder in which the results of `run` are written: `out`, or the run's own folder."""
+    from bench.logs import LOG_FILE
     from protocols.errors import InputError
 
     folder = out or run
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / LOG_NAME).touch()
+        (folder / LOG_FILE).touch()
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder with --out") from None
     return folder

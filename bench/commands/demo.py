@@ -76,10 +76,10 @@ class _Comparison:
 
 def _evaluate(run: Run, folder: Path) -> tuple[Analysis, Path]:
     from bench.commands.evaluating import evaluate, make_report
-    from bench.logs import log_into
+    from bench.logs import LOG_FILE, log_into
 
     say("analysing")
-    with log_into(folder / "evs-bench.log"):
+    with log_into(folder / LOG_FILE):
         analysis, _ = evaluate(run, folder)
         say("drawing the report")
         page = make_report(run, analysis, folder)

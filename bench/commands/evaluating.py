@@ -17,13 +17,14 @@ __all__ = ["evaluate", "make_report"]
 def evaluate(run: Run, folder: Path, *, pixel_maps: bool = True) -> tuple[Analysis, Path]:
     """Analyse `run`, write the tables into `folder`, and return the results and where the tables are.
 
-    What is missing from the run, or was changed in it, stands first among the warnings.
+    What is missing from the run, damaged or changed in it, stands first among the warnings.
     """
     from bench.analysis import analyze
     from bench.analysis.tables import save
 
     analysis = analyze(run, pixel_maps=pixel_maps)
-    analysis = replace(analysis, warnings=(*run.remarks(), *analysis.warnings))
+    warnings = (*(f"left out: {line}" for line in run.damaged), *run.remarks(), *analysis.warnings)
+    analysis = replace(analysis, damaged=run.damaged, warnings=warnings)
     return analysis, save(analysis, folder)
 
 

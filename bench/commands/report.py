@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import LOG_NAME, json_option, print_json, results_folder, results_option, say
+from bench.commands.common import json_option, print_json, results_folder, results_option, say
 
 __all__ = ["command"]
 
@@ -18,12 +18,12 @@ __all__ = ["command"]
 def command(run: Path, out: Path | None, as_json: bool) -> None:
     """Make the report of the run folder RUN, in RUN/report: one HTML file, figures as PNG and PDF, tables as CSV."""
     from bench.commands.evaluating import evaluate, make_report
-    from bench.logs import log_into
+    from bench.logs import LOG_FILE, log_into
     from bench.store import Run
 
-    opened = Run.open(run)
+    opened = Run.open(run).without_damaged()
     results = results_folder(run, out)
-    with log_into(results / LOG_NAME):
+    with log_into(results / LOG_FILE):
         analysis, _ = evaluate(opened, results)
         page = make_report(opened, analysis, results)
     if as_json:

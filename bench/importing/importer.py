@@ -17,7 +17,7 @@ from bench.importing.point_file import carried_over, shift_s
 from bench.importing.schema import PointSection, RecordingsFile
 from bench.importing.stimulus import Light, light_of
 from bench.importing.stream import Source, open_source, rebased
-from bench.logs import log_into
+from bench.logs import LOG_FILE, log_into
 from bench.run.alignment import align_to_triggers, moved_windows
 from bench.run.runner import new_run_id
 from bench.run.software import software_versions
@@ -39,7 +39,6 @@ __all__ = ["RECORDINGS_FILE", "import_folder"]
 
 _log = logging.getLogger("evs_bench.importing")
 RECORDINGS_FILE: Final = "recordings.yaml"
-LOG_FILE: Final = "evs-bench.log"
 
 _KEPT: Final = ("protocol", "protocol_text", "station", "software")
 _ATTRIBUTES: Final = (

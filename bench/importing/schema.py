@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from protocols.base import FrozenModel, Illuminance, Number, Seconds, WaitingTime, problems_at
+from protocols.base import NAME_PATTERN, FrozenModel, Illuminance, Number, Seconds, WaitingTime, problems_at
 from protocols.points import Ambient, Polarity, Waveform
 from protocols.settings import RoiChoice
 
@@ -259,7 +259,7 @@ class RecordingsFile(FrozenModel):
 
     format: Literal["evs-bench-run/1"]
     """Name and version of the format of the run that is made."""
-    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")] | None = None
+    id: Annotated[str, Field(pattern=NAME_PATTERN)] | None = None
     """Unique name of the run; made of the time and the title if left out."""
     created: str | None = None
     """When the recordings were made, UTC."""

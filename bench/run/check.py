@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, Literal
 
-from bench.run.findings import observe_curve, observe_point
+from bench.run.findings import NEEDED, observe_curve, observe_point
 from bench.run.plan import plan, ranges_text
 from bench.run.progress import duration_text
 from protocols.errors import InputError
@@ -49,6 +49,7 @@ class CheckReport:
     station: str
     findings: tuple[Finding, ...]
     estimate: Estimate
+    not_checked: tuple[str, ...]  #: rules that need something that is not known: which, what, and where
     end: datetime  #: when a run that starts now would be over, local time, on a bench whose time is real
 
     @property
@@ -66,6 +67,7 @@ class CheckReport:
             f"time: {duration_text(e.duration_s)} ({duration_text(e.settling_s)} of it to settle), "
             f"until {self.end:%Y-%m-%d %H:%M}; size: at most about {_size_text(e.bytes)}",
             *(str(f) for f in self.findings),
+            *(f"not checked: {line}" for line in self.not_checked),
             _verdict(self.findings),
         ]
 
@@ -77,6 +79,7 @@ class CheckReport:
             "station": self.station,
             "refused": self.refused,
             "findings": [asdict(f) for f in self.findings],
+            "not_checked": list(self.not_checked),
             "estimate": asdict(self.estimate),
             "end": self.end.isoformat(timespec="seconds"),
         }
@@ -94,6 +97,7 @@ def check(protocol: Protocol, station: Station) -> CheckReport:
         station=station.name,
         findings=(*errors, *_warnings(points, expected, station)),
         estimate=estimate,
+        not_checked=_not_checked(points, expected),
         end=datetime.now().astimezone() + timedelta(seconds=estimate.duration_s),
     )
 
@@ -116,6 +120,17 @@ def _warnings(points: Sequence[Point], expected: dict[int, Expected], station: S
     for curve in _curves(points):
         seen += observe_curve(curve, expected[curve[0].index])
     return _gathered(seen, {p.index: p.measurement for p in points})
+
+
+def _not_checked(points: Sequence[Point], expected: dict[int, Expected]) -> tuple[str, ...]:
+    """Return one line for each quantity that rules need and that is not known: the rules and the measurements."""
+    lines = []
+    for name, (rules, applies) in NEEDED.items():
+        without = [p for p in points if applies(p) and getattr(expected[p.index], name) is None]
+        if without:
+            measurements = ", ".join(dict.fromkeys(p.measurement for p in without))
+            lines.append(f"{rules} ({measurements}): expect.{name} is not given")
+    return tuple(lines)
 
 
 def _curves(points: Iterable[Point]) -> list[list[Point]]:

@@ -1,7 +1,7 @@
 """What a protocol would run into: the rules, one point or one set of points at a time.
 
 All follow from what the pixel is expected to be (:mod:`protocols.expected`) and from what the light source can do. A
-rule that needs something that is not known says nothing.
+rule that needs something that is not known says nothing; :data:`NEEDED` says which.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from protocols.expected import Expected, log_response, off_impossible_at_lux, re
 from protocols.points import ResetTestTiming, SquareTiming
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from drivers.interfaces import LightSource
     from protocols.points import Point
 
-__all__ = ["Observation", "observe_curve", "observe_point"]
+__all__ = ["NEEDED", "Observation", "observe_curve", "observe_point"]
 
 #: The return of a reset pulse should exceed the threshold by this part of it: noise and mismatch need room.
 REARM_MARGIN: Final = 0.1
@@ -42,6 +42,30 @@ class Observation:
     point: int
     message: str  #: for people, about this point
     badness: float  #: the message of the worst point stands for all
+
+
+def _is_reset_test(point: Point) -> bool:
+    return isinstance(point.timing, ResetTestTiming)
+
+
+def _is_curve(point: Point) -> bool:
+    return point.polarity in ("on", "off") and bool(point.log_contrast) and point.baseline_lux > 0.0
+
+
+def _has_parts(point: Point) -> bool:
+    return isinstance(point.timing, ResetTestTiming | SquareTiming)
+
+
+#: What rules need to be known of the pixel: in words what they find out, and whether they apply to a point.
+NEEDED: Final[dict[str, tuple[str, Callable[[Point], bool]]]] = {
+    "dark_light_lux": (
+        "whether the reset re-arms the pixel, and whether the contrasts reach the threshold",
+        lambda p: _is_reset_test(p) or _is_curve(p),
+    ),
+    "theta_on": ("what follows from the ON threshold", _has_parts),
+    "theta_off": ("what follows from the OFF threshold", _has_parts),
+    "bandwidth_hz": ("whether gaps and pulses are long enough", _has_parts),
+}
 
 
 def observe_point(point: Point, expected: Expected, light: LightSource) -> Iterator[Observation]:

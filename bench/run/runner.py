@@ -8,9 +8,9 @@ import re
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
-from bench.logs import log_into
+from bench.logs import LOG_FILE, log_into
 from bench.run.plan import plan_or_raise
 from bench.run.progress import NoProgress, Stopwatch
 from bench.run.recorder import Recorder
@@ -29,10 +29,9 @@ if TYPE_CHECKING:
     from bench.station import Station
     from protocols.points import Point, Roi
 
-__all__ = ["LOG_FILE", "RunResult", "Task", "assume_done", "new_run_id", "take_run"]
+__all__ = ["RunResult", "Task", "assume_done", "new_run_id", "take_run"]
 
 _log = logging.getLogger("evs_bench.run")
-LOG_FILE: Final = "evs-bench.log"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,12 +166,22 @@ class _Run:
             done = self._take_until_stopped(planned)
         except BaseException as error:
             self._note_if_possible("run_aborted", reason=_reason(error))
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(self._stopped_at_once(planned)) from error
             raise
         if done < len(planned):
             note("run_aborted", reason="stopped by the operator")
         else:
             note("run_finished")
         return done
+
+    def _stopped_at_once(self, planned: Sequence[PlannedPoint]) -> str:
+        """Return what an operator should know who did not wait for the end of a point."""
+        done, folder = sum(self._writer.is_done(item.point.index) for item in planned), self._writer.folder
+        text = f"stopped at once, after {done} of {len(planned)} points; the point that was being taken is not kept"
+        if not done:
+            return f"{text}; take the run again, with another --out"
+        return f"{text}, the others are, in {folder}; evaluate them with: evs-bench report {folder}"
 
     def _take_until_stopped(self, planned: Sequence[PlannedPoint]) -> int:
         self._writer.note_plan([item.point.index for item in planned])

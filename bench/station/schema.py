@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from protocols.base import FrozenModel, Number, problems_at
+from protocols.base import CLASS_PATTERN, FrozenModel, Number, problems_at
 
 __all__ = [
     "BareGeometry",
@@ -31,7 +31,7 @@ Fraction = Annotated[Number, Field(gt=0, le=1)]
 Count = Annotated[int, Field(strict=True, ge=1, le=65535)]
 Offset = Annotated[int, Field(strict=True)]
 Text = Annotated[str, StringConstraints(min_length=1)]
-ClassPath = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*$")]
+ClassPath = Annotated[str, StringConstraints(pattern=CLASS_PATTERN)]
 
 
 class WorldSection(FrozenModel):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from bench.store.data import PointData, RunHeader
+    from protocols.points import Roi
 
 _log = logging.getLogger("evs_bench.store")
 
@@ -44,6 +45,7 @@ class Run:
     header: RunHeader
     files: tuple[PointFile, ...]  #: finished points, in the order of the plan
     journal: tuple[JournalEntry, ...] = ()  #: empty where there is none
+    damaged: tuple[str, ...] = ()  #: what is wrong with each point that :meth:`without_damaged` left out
 
     @classmethod
     def open(cls, path: Path | str) -> Run:
@@ -84,6 +86,27 @@ class Run:
         for file in self.files:
             yield read_point(file.path, self.header.roi)
 
+    def without_damaged(self) -> Run:
+        """Return this run without the points whose files cannot be read; `damaged` says which, and why.
+
+        A file that is as it was written, by its checksum, is taken for sound.
+
+        Raises
+        ------
+        RunError
+            If there were points, and none is left: a line for each.
+        """
+        kept, damaged = [], []
+        for file in self.files:
+            try:
+                _require_sound(file, self.header.roi)
+                kept.append(file)
+            except RunError as error:
+                damaged.append(str(error))
+        if damaged and not kept:
+            raise RunError(*damaged)
+        return replace(self, files=tuple(kept), damaged=(*self.damaged, *damaged))
+
     def verify(self) -> None:
         """Read every point to its last event, and compare checksums with the journal.
 
@@ -107,8 +130,9 @@ class Run:
         """
         found = []
         planned = {entry.point for entry in self.journal if entry.state == "planned"}
-        if self.journal and len(self.files) < len(planned):
-            found.append(f"only {len(self.files)} of {len(planned)} planned points were taken: {self._end()}")
+        taken = len(self.files) + len(self.damaged)
+        if self.journal and taken < len(planned):
+            found.append(f"only {taken} of {len(planned)} planned points were taken: {self._end()}")
         elif not self.files:
             found.append("there is no finished point in this run")
         changed = sorted(file.path.name for file in self.files if file.path in _changed)
@@ -132,6 +156,19 @@ class Run:
                 _changed.add(file.path)
                 _log.warning("%s: the file was changed since it was written", file.path)
         probe(file.path for file in doubtful)
+
+
+def _require_sound(file: PointFile, window: Roi) -> None:
+    """Raise :class:`RunError` if `file` is not as it was written, and cannot be read to its last event."""
+    if file.sha256 is not None and sha256_of(file.path) == file.sha256:
+        remember([file.path])
+        return
+    probe([file.path])
+    point = read_point(file.path, window)
+    for _ in read_events(file.path, roi=point.roi):
+        pass
+    if file.sha256 is not None:
+        _changed.add(file.path)
 
 
 def _all_files(folder: Path) -> tuple[PointFile, ...]:

@@ -23,6 +23,7 @@ COMMANDS = (
     "import",
     "events",
     "effects",
+    "calibrate-noise",
     "devices",
 )
 EVS_BENCH = str(Path(sys.executable).parent / "evs-bench")

@@ -86,6 +86,10 @@ def test_the_base_is_fine() -> None:
         ({"pulses": "10"}, "pulses: '10' is not a whole number"),
         ({"measurements": []}, "measurements: must have at least 1 item"),
         ({"expect": {}}, "expect: key 'dark_light_lux' is missing"),
+        (
+            {f"{SQ}.name": "s q"},
+            "measurements[1].name: must be letters, digits, '_', '.' and '-', and begin with a letter or digit",
+        ),
         ({f"{SQ}.name": "rt"}, "measurements[1].name: the name 'rt' is given twice"),
         ({f"{SQ}.stimulus.duty": 1}, "measurements[1].stimulus.duty: 1 is out of range, must be below 1"),
         (

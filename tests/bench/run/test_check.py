@@ -164,3 +164,17 @@ def test_one_of_a_thing_is_said_as_one(make_station: StationMaker, protocol: Loa
     assert one.lines()[0] == "a small run: 1 point on station box, 1 change of the filter, 1 operator step"
     two = replace(report, estimate=replace(report.estimate, points=2, nd_changes=0, operator_steps=2))
     assert two.lines()[0] == "a small run: 2 points on station box, 0 changes of the filter, 2 operator steps"
+
+
+def test_rules_that_cannot_be_checked_are_named(make_station: StationMaker) -> None:
+    text = (HEAD + RESET_TEST) % BASE
+    known = check(parse_protocol(text, "x.yaml").protocol, make_station())
+    assert known.not_checked == ()
+    head, _, rest = text.partition("expect:")
+    unknown = check(parse_protocol(head + rest[rest.index("pulses:") :], "x.yaml").protocol, make_station())
+    line = (
+        "not checked: whether the reset re-arms the pixel, and whether the contrasts reach the threshold (m): "
+        "expect.dark_light_lux is not given"
+    )
+    assert line in unknown.lines()
+    assert line.removeprefix("not checked: ") in unknown.to_dict()["not_checked"]
