@@ -15,7 +15,7 @@ import pytest
 from scipy.stats import chi2_contingency, fisher_exact, ks_2samp, norm
 
 from sim_backend.pixel.engines import fast_kernels
-from sim_backend.pixel.engines.fast import _blocks
+from sim_backend.pixel.engines.one_pole import block_factors
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -100,7 +100,7 @@ def test_a_path_between_two_ends_reaches_the_line_as_often_and_when_it_is_said_t
 def walk(w: float, upper: float, lower: float, samples: int, rate: float, seed: int, n: int) -> tuple[Floats, Floats]:
     """Return the samples gone and the output behind one block of the kernel, n times."""
     z = np.random.default_rng(seed).standard_normal((n, KERNELS.DRAWS)).astype(np.float32)
-    tables = _blocks(rate)
+    tables = block_factors(rate)
     found = np.array([KERNELS.block(w, upper, lower, samples, rate, *tables, row, 0)[:2] for row in z])
     return found[:, 0], found[:, 1]
 
@@ -144,7 +144,7 @@ def test_behind_the_first_hit_a_path_is_where_brute_force_finds_it(
 def test_blocks_one_after_the_other_cross_where_samples_do(level: float, most: int, rate: float) -> None:
     """The first sample at or beyond a level: when, and where. Blocks end on samples, and none of these is missed."""
     n, last, w0 = 4000, 400, level - 1.0
-    fades = _blocks(rate)
+    fades = block_factors(rate)
     rng = np.random.default_rng(round(10.0 * level + most))
     found = np.full((n, 2), np.nan)
     for i in range(n):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["OnePole"]
+__all__ = ["OnePole", "block_factors"]
 
 #: Time constants after an edge or a reset until the table of rates holds: exp(-6) of what was is left.
 _SETTLE_TAUS: Final = 6.0
@@ -54,7 +54,7 @@ class OnePole:
         self._segments = segments_of(on_chip, chain.noise_rms, dt_s)
         leaks = chain.leak_per_s_per_lux * self._segments.lux * (dt_s / chain.noise_rms)
         self._light = (self._segments.first, self._segments.until, self._segments.lux, leaks)
-        self._blocks = _blocks(self._rate)
+        self._blocks = block_factors(self._rate)
         self._settle, self._tables = self._hazard()
         self._moving = _MovingLight(chain, on_chip, self._segments, math.exp(-self._rate))
         self._pixel = pixel_ids(chain.x, chain.y)
@@ -178,7 +178,7 @@ def _nodes(dark_lux: Floats, lowest_lux: float) -> tuple[Floats, Floats]:
     return np.maximum(nodes, 0.0), place - lowest
 
 
-def _blocks(rate: float) -> tuple[Floats, ...]:
+def block_factors(rate: float) -> tuple[Floats, ...]:
     """Return what a block of n samples needs, n from 0 to the longest: exp(-x), sqrt(1 - exp(-2 x)), cosh(x / 2)."""
     longest = min(max(1, int(_LONGEST_TAUS / rate)), _LONGEST_SAMPLES)
     x = rate * np.arange(longest + 1)
