@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from bench.compute.executor import ComputeError, Executor, ItemFailed, WorkerLost
-from bench.compute.work import Setup
 from bench.compute.workforce import Workforce
 
-__all__ = ["ComputeError", "Executor", "ItemFailed", "Setup", "WorkerLost", "Workforce"]
+__all__ = ["ComputeError", "Executor", "ItemFailed", "WorkerLost", "Workforce"]

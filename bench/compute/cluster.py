@@ -6,21 +6,24 @@ times.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 import pickle
 import uuid
 from concurrent.futures import CancelledError
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from bench.compute.executor import ComputeError, Executor, WorkerLost
 from bench.compute.local import THREADS
+from bench.compute.same_software import require_same_software, software
 from bench.compute.work import Failure, Outcome, perform_pickled
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bench.compute.work import Setup, Work
+    from bench.compute.work import Work
 
 __all__ = ["ClusterExecutor"]
 
@@ -46,15 +49,15 @@ class ClusterExecutor(Executor):
     """
 
     def __init__(
-        self, address: str, setup: Setup | None = None, tell: Callable[[str], None] | None = None
+        self, address: str, setup: Callable[[], None] | None = None, tell: Callable[[str], None] | None = None
     ) -> None:
         super().__init__(setup, tell)
+        same = functools.partial(require_same_software, software())
+        self._setup = replace(self._setup, functions=(same, *self._setup.functions))
         try:
             from distributed import Client
         except ImportError:
-            raise ComputeError(
-                "a cluster needs dask.distributed: install the extra, evs-bench[cluster]"
-            ) from None
+            raise ComputeError("a cluster needs dask.distributed: install the extra, evs-bench[cluster]") from None
         self._address = address
         self._under_way: dict[Any, tuple[int, str]] = {}  #: index and name, by future
         self._keys = (f"evs-bench-{uuid.uuid4().hex[:8]}-{n}" for n in itertools.count())
@@ -76,7 +79,8 @@ class ClusterExecutor(Executor):
         self._client.close()
 
     def _room(self) -> int:
-        return max(1, sum(self._client.nthreads().values()))
+        threads: dict[str, int] = self._client.nthreads()  # by worker
+        return max(1, sum(threads.values()))
 
     def _start(self, index: int, name: str, work: Work) -> None:
         future = self._client.submit(_perform, pickle.dumps(work), key=next(self._keys), pure=False)
@@ -91,10 +95,12 @@ class ClusterExecutor(Executor):
             index, name = self._under_way.pop(future)
             return index, pickle.loads(future.result())  # noqa: S301 - of our own worker
         except KilledWorker as error:
-            raise WorkerLost(f"{name}: its worker died time after time, at last {error.last_worker.address}") from None
+            raise WorkerLost(
+                f"{name}: its worker died time after time, at last {error.last_worker.address}"
+            ) from None
         except (OSError, CancelledError) as error:
             raise ComputeError(f"cluster {self._address}: the scheduler is gone ({_first_line(error)})") from None
-        except Exception as error:  # noqa: BLE001 - what dask itself could not do with the item
+        except Exception as error:
             if future is None:
                 raise
             return index, Outcome(failure=Failure.of(error))

@@ -6,17 +6,18 @@ same for any number of workers, on one machine or several, and an item whose wor
 
 from __future__ import annotations
 
+import uuid
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 
-from bench.compute.work import Work
+from bench.compute.work import Setup, Work
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Generator, Iterable
     from types import TracebackType
 
-    from bench.compute.work import Outcome, Setup
+    from bench.compute.work import Outcome
 
 __all__ = ["ATTEMPTS", "ComputeError", "Executor", "ItemFailed", "WorkerLost"]
 
@@ -63,13 +64,13 @@ class Executor(ABC):
     Parameters
     ----------
     setup
-        What each worker does once before its first item, e.g. loading a user's own effects.
+        What each worker does once before its first item, e.g. loading a user's own effects; it is pickled.
     tell
         Called with a line for the operator when a worker was lost.
     """
 
-    def __init__(self, setup: Setup | None = None, tell: Callable[[str], None] | None = None) -> None:
-        self._setup = setup
+    def __init__(self, setup: Callable[[], None] | None = None, tell: Callable[[str], None] | None = None) -> None:
+        self._setup = Setup(uuid.uuid4().hex, () if setup is None else (setup,))
         self._tell = tell or (lambda _: None)
 
     def __enter__(self) -> Self:
@@ -87,7 +88,7 @@ class Executor(ABC):
         *,
         ordered: bool = False,
         name: Callable[[_Item], str] | None = None,
-    ) -> Iterator[tuple[int, _Result]]:
+    ) -> Generator[tuple[int, _Result]]:
         """Yield the index of each item and what `function` gives for it, in the order in which they are finished.
 
         An item is taken from `items` when a worker is free for it, so neither items nor results pile up. One `map`

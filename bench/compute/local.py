@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from multiprocessing.connection import Connection
 
-    from bench.compute.work import Outcome, Setup, Work
+    from bench.compute.work import Outcome, Work
 
 __all__ = ["THREADS", "InProcess", "LocalExecutor"]
 
@@ -65,7 +65,7 @@ class LocalExecutor(Executor):
     """
 
     def __init__(
-        self, workers: int, setup: Setup | None = None, tell: Callable[[str], None] | None = None
+        self, workers: int, setup: Callable[[], None] | None = None, tell: Callable[[str], None] | None = None
     ) -> None:
         if workers < 1:
             raise ComputeError(f"{workers} workers; expected 1 or more")

@@ -24,13 +24,14 @@ _prepared: set[str] = set()
 class Setup:
     """What a worker does once, before its first item."""
 
-    name: str  #: two of the same name are done once in a process
-    function: Callable[[], None]
+    name: str  #: of the executor: a worker of a cluster may see several of them
+    functions: tuple[Callable[[], None], ...] = ()
 
     def prepare(self) -> None:
         """Do it, unless this process has done it."""
         if self.name not in _prepared:
-            self.function()
+            for function in self.functions:
+                function()
             _prepared.add(self.name)
 
 
@@ -40,7 +41,7 @@ class Work:
 
     function: Callable[[Any], Any]
     item: Any
-    setup: Setup | None = None
+    setup: Setup
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,7 @@ class Outcome:
 def perform(work: Work) -> Outcome:
     """Do the work; an exception becomes part of the outcome."""
     try:
-        if work.setup is not None:
-            work.setup.prepare()
+        work.setup.prepare()
         return Outcome(work.function(work.item))
     except Exception as error:  # noqa: BLE001 - it belongs to whoever asked for the item
         return Outcome(failure=Failure.of(error))

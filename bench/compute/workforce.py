@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bench.compute.executor import Executor
-    from bench.compute.work import Setup
 
 __all__ = ["Workforce"]
 
@@ -20,19 +19,19 @@ class Workforce:
 
     workers: int = 1  #: processes on this machine; 1 is this process
     cluster: str | None = None  #: address of a dask scheduler, instead
+    setup: Callable[[], None] | None = None
+    """What each worker does once before its first item, e.g. loading a user's own effects; it is pickled."""
 
     @property
     def alone(self) -> bool:
         """Whether this process does it all."""
         return self.cluster is None and self.workers == 1
 
-    def open(self, setup: Setup | None = None, tell: Callable[[str], None] | None = None) -> Executor:
+    def open(self, tell: Callable[[str], None] | None = None) -> Executor:
         """Return the executor; close it, or use it as a context manager.
 
         Parameters
         ----------
-        setup
-            What each worker does once before its first item.
         tell
             Called with a line for the operator when a worker was lost.
 
@@ -44,7 +43,7 @@ class Workforce:
         if self.cluster is not None:
             from bench.compute.cluster import ClusterExecutor
 
-            return ClusterExecutor(self.cluster, setup, tell)
+            return ClusterExecutor(self.cluster, self.setup, tell)
         from bench.compute.local import InProcess, LocalExecutor
 
-        return InProcess(setup, tell) if self.workers == 1 else LocalExecutor(self.workers, setup, tell)
+        return InProcess(self.setup, tell) if self.workers == 1 else LocalExecutor(self.workers, self.setup, tell)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from bench.compute import Executor, Setup, Workforce
+from bench.compute import Executor, Workforce
 
 sys.path.insert(0, str(Path(__file__).parent))  # workers get this path, and import worker_functions from it
 
@@ -21,8 +23,9 @@ def cluster_address() -> Iterator[str]:
     import dask
     from distributed import LocalCluster
 
-    # After two lost workers an item is given up; the default is three.
-    with dask.config.set({"distributed.scheduler.allowed-failures": 2}), LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster:
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    # Over one item two workers may be lost; dask's default is three.
+    with dask.config.set({"distributed.scheduler.allowed-failures": 2}), LocalCluster(**options) as cluster:
         yield cluster.scheduler_address
 
 
@@ -39,8 +42,8 @@ def open_executor(workforce: Workforce) -> Iterator[Opener]:
     """Return a maker of executors; they are closed at the end."""
     opened: list[Executor] = []
 
-    def make(setup: Setup | None = None, tell: Callable[[str], None] | None = None) -> Executor:
-        opened.append(workforce.open(setup, tell))
+    def make(setup: Callable[[], None] | None = None, tell: Callable[[str], None] | None = None) -> Executor:
+        opened.append(replace(workforce, setup=setup).open(tell))
         return opened[-1]
 
     yield make

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bench.compute import ComputeError, Executor, ItemFailed, Setup, WorkerLost, Workforce
+from bench.compute import ComputeError, Executor, ItemFailed, WorkerLost, Workforce
 from bench.compute.work import Failure
 from drivers.errors import DataLost, OutOfRange
 from protocols import InputError
@@ -110,7 +110,7 @@ def test_a_name_of_the_caller(open_executor: Opener) -> None:
 
 
 def test_each_worker_is_prepared_once(open_executor: Opener) -> None:
-    executor = open_executor(Setup("count", functions.prepare))
+    executor = open_executor(functions.prepare)
     found = [who for _, who in executor.map(functions.who, range(10))]
     assert {count for _, count, _ in found} == {1}
     assert len({process for process, _, _ in found}) == 2
@@ -119,7 +119,7 @@ def test_each_worker_is_prepared_once(open_executor: Opener) -> None:
 
 def test_a_worker_that_cannot_be_prepared_is_an_error(open_executor: Opener) -> None:
     with pytest.raises(ItemFailed, match="no such file") as caught:
-        list(open_executor(Setup("never", functions.cannot_prepare)).map(functions.who, range(3)))
+        list(open_executor(functions.cannot_prepare).map(functions.who, range(3)))
     assert isinstance(caught.value.error, DataLost)
 
 
@@ -131,7 +131,7 @@ def test_workers_share_the_processors() -> None:
 
 
 def test_one_worker_is_this_process() -> None:
-    with Workforce().open(Setup("here", functions.prepare)) as executor:
+    with Workforce(setup=functions.prepare).open() as executor:
         assert {who[0] for _, who in executor.map(functions.who, range(3))} == {os.getpid()}
         with pytest.raises(ItemFailed, match="number 2"):
             _squares(executor, [Task(2, error=True)])
@@ -167,7 +167,9 @@ def test_an_exception_without_a_way_through_a_pickle_is_told_by_its_text() -> No
     class Odd(Exception):
         pass
 
-    error = pickle.loads(pickle.dumps(Failure.of(Odd("something odd")))).error()
+    failure = Failure.of(Odd("something odd"))
+    assert pickle.dumps(failure)
+    error = failure.error()
     assert (type(error), str(error)) == (RuntimeError, "Odd: something odd")
     error = Failure.of(InputError("one", "two")).error()
     assert isinstance(error, InputError)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,7 +63,7 @@ def cannot_prepare() -> None:
 
 def unpicklable(number: int) -> object:
     """Return what cannot be sent."""
-    return lambda: number
+    return threading.Lock(), number
 
 
 def note_and_wait(folder: str) -> None:
