@@ -1,32 +1,15 @@
-"""Executors of every kind: this process, two processes, a dask cluster of two workers."""
+"""Executors of two workers: processes of this machine, and a dask cluster."""
 
 from __future__ import annotations
 
-import logging
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from bench.compute import Executor, Workforce
 
-sys.path.insert(0, str(Path(__file__).parent))  # workers get this path, and import worker_functions from it
-
 Opener = Callable[..., Executor]
-
-
-@pytest.fixture(scope="session")
-def cluster_address() -> Iterator[str]:
-    """Return the address of a dask cluster of two workers on this machine."""
-    import dask
-    from distributed import LocalCluster
-
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-    # Over one item two workers may be lost; dask's default is three.
-    with dask.config.set({"distributed.scheduler.allowed-failures": 2}), LocalCluster(**options) as cluster:
-        yield cluster.scheduler_address
 
 
 @pytest.fixture(params=["processes", pytest.param("cluster", marks=pytest.mark.slow)])

@@ -13,15 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import worker_functions as functions  # type: ignore[import-not-found]
 
 from bench.compute import ComputeError, Executor, ItemFailed, WorkerLost, Workforce
 from bench.compute.work import Failure
 from drivers.errors import DataLost, OutOfRange
 from protocols import InputError
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-import worker_functions as functions  # type: ignore[import-not-found]
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
