@@ -72,6 +72,9 @@ class ClusterExecutor(Executor):
             raise ComputeError(
                 f"cluster {address}: has no workers; start some with: dask worker {address} --nthreads 1"
             ) from None
+        except OSError as error:
+            self.close()
+            raise self._scheduler_gone(error) from None
 
     def close(self) -> None:
         """Give up what is under way, and leave the cluster, which goes on."""
@@ -99,11 +102,14 @@ class ClusterExecutor(Executor):
                 f"{name}: its worker died time after time, at last {error.last_worker.address}"
             ) from None
         except (OSError, CancelledError) as error:
-            raise ComputeError(f"cluster {self._address}: the scheduler is gone ({_first_line(error)})") from None
+            raise self._scheduler_gone(error) from None
         except Exception as error:
             if future is None:
                 raise
             return index, Outcome(failure=Failure.of(error))
+
+    def _scheduler_gone(self, error: BaseException) -> ComputeError:
+        return ComputeError(f"cluster {self._address}: the scheduler is gone ({_first_line(error)})")
 
     def _next_done(self) -> Any:
         """Return a future that is done; tell the operator while there is nobody to wait for."""

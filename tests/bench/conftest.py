@@ -22,7 +22,7 @@ def cluster_address() -> Iterator[str]:
     import dask
     from distributed import LocalCluster
 
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
     # Over one item two workers may be lost; dask's default is three.
     with dask.config.set({"distributed.scheduler.allowed-failures": 2}), LocalCluster(**options) as cluster:
         yield cluster.scheduler_address

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import pickle
@@ -16,6 +17,7 @@ import pytest
 import worker_functions as functions  # type: ignore[import-not-found]
 
 from bench.compute import ComputeError, Executor, ItemFailed, WorkerLost, Workforce
+from bench.compute.same_software import require_same_software, software
 from bench.compute.work import Failure
 from drivers.errors import DataLost, OutOfRange
 from protocols import InputError
@@ -149,6 +151,25 @@ def test_a_cluster_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch
         with pytest.raises(ComputeError, match=f"cluster {address}: no scheduler answers there") as error:
             Workforce(cluster=address).open()
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+def test_a_cluster_without_workers_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    from distributed import LocalCluster
+
+    monkeypatch.setattr("bench.compute.cluster._WORKERS_S", 0.3)
+    with (
+        LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=logging.CRITICAL) as cluster,
+        pytest.raises(ComputeError, match="has no workers; start some with: dask worker") as error,
+    ):
+        Workforce(cluster=cluster.scheduler_address).open()
+    assert "\n" not in str(error.value)
+
+
+def test_other_software_is_refused() -> None:
+    require_same_software(software())
+    with pytest.raises(ComputeError, match=r"has other software: numpy .*, not 0\.1"):
+        require_same_software({**software(), "numpy": "0.1"})
 
 
 def test_work_that_is_given_up_leaves_no_process() -> None:

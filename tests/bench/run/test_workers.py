@@ -191,6 +191,7 @@ def test_a_cluster_of_two_workers_one_of_which_is_lost(
     _is_whole(tmp_path / "run", expected)
 
 
+@pytest.mark.slow
 def test_ctrl_c_and_then_the_rest_with_another_number_of_workers(
     many: LoadedProtocol, quick: Station, expected_many: dict[int, str], tmp_path: Path
 ) -> None:
@@ -209,6 +210,7 @@ def test_ctrl_c_and_then_the_rest_with_another_number_of_workers(
     assert "all 12 points of this run are done" in told.text
 
 
+@pytest.mark.slow
 def test_a_second_ctrl_c_stops_at_once_and_leaves_nothing_half_written(
     many: LoadedProtocol, quick: Station, expected_many: dict[int, str], tmp_path: Path
 ) -> None:
@@ -226,6 +228,7 @@ def test_a_second_ctrl_c_stops_at_once_and_leaves_nothing_half_written(
     _is_whole(folder, expected_many)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("camera", "error", "text"),
     [
