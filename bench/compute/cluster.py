@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import logging
 import os
 import pickle
 import uuid
@@ -58,6 +59,7 @@ class ClusterExecutor(Executor):
             from distributed import Client
         except ImportError:
             raise ComputeError("a cluster needs dask.distributed: install the extra, evs-bench[cluster]") from None
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it would tell, we raise
         self._address = address
         self._under_way: dict[Any, tuple[int, str]] = {}  #: index and name, by future
         self._keys = (f"evs-bench-{uuid.uuid4().hex[:8]}-{n}" for n in itertools.count())
@@ -72,9 +74,9 @@ class ClusterExecutor(Executor):
             raise ComputeError(
                 f"cluster {address}: has no workers; start some with: dask worker {address} --nthreads 1"
             ) from None
-        except OSError as error:
+        except OSError:
             self.close()
-            raise self._scheduler_gone(error) from None
+            raise self._scheduler_gone() from None
 
     def close(self) -> None:
         """Give up what is under way, and leave the cluster, which goes on."""
@@ -101,15 +103,15 @@ class ClusterExecutor(Executor):
             raise WorkerLost(
                 f"{name}: its worker died time after time, at last {error.last_worker.address}"
             ) from None
-        except (OSError, CancelledError) as error:
-            raise self._scheduler_gone(error) from None
+        except (OSError, CancelledError):
+            raise self._scheduler_gone() from None
         except Exception as error:
             if future is None:
                 raise
             return index, Outcome(failure=Failure.of(error))
 
-    def _scheduler_gone(self, error: BaseException) -> ComputeError:
-        return ComputeError(f"cluster {self._address}: the scheduler is gone ({_first_line(error)})")
+    def _scheduler_gone(self) -> ComputeError:
+        return ComputeError(f"cluster {self._address}: the scheduler is gone")
 
     def _next_done(self) -> Any:
         """Return a future that is done; tell the operator while there is nobody to wait for."""
