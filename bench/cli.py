@@ -30,6 +30,7 @@ _COMMANDS: Final = {
     "protocols": "List the protocols that come with the bench; copy or show one.",
     "check": "Look a protocol over before it is run: limits, warnings, time and size.",
     "run": "Run a protocol on a station, and leave a run folder.",
+    "resume": "Take the rest of a simulated run that was stopped.",
     "rerun": "Take a simulated run once more: the same events again.",
     "analyze": "Turn a run into S-curves, thresholds and background rates.",
     "report": "Make the report of a run: one HTML file, figures and tables.",
@@ -135,9 +136,12 @@ def _usage(error: click.ClickException) -> str:
 
 
 def _report(error: BaseException) -> int:
+    from bench.compute.executor import ItemFailed
     from drivers.errors import DeviceError
     from protocols.errors import InputError
 
+    if isinstance(error, ItemFailed):
+        error = error.error
     if isinstance(error, InputError):
         return _fail(EXIT_INPUT, *[str(problem) for problem in error.problems])
     if isinstance(error, DeviceError):

@@ -7,7 +7,14 @@ from pathlib import Path
 import click
 
 from bench.commands.common import SEED, json_option, station_option
-from bench.commands.running import OperatorSteps, operator_option, print_result, take
+from bench.commands.running import (
+    OperatorSteps,
+    operator_option,
+    print_result,
+    take,
+    workforce_of,
+    workforce_options,
+)
 
 __all__ = ["command"]
 
@@ -17,15 +24,27 @@ __all__ = ["command"]
 @station_option
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to make; default is runs/ID.")
 @click.option("--seed", type=SEED, help="Seed of a simulated run, instead of all in the protocol.")
+@workforce_options
 @operator_option
 @json_option
 def command(
-    protocol: str, station: str, out: Path | None, seed: int | None, operator_steps: OperatorSteps, as_json: bool
+    protocol: str,
+    station: str,
+    out: Path | None,
+    seed: int | None,
+    workers: int,
+    cluster: str | None,
+    operator_steps: OperatorSteps,
+    as_json: bool,
 ) -> int:
     """Run PROTOCOL, the name of a shipped protocol or a file, and leave a run folder.
 
     Ctrl-C stops after the point that is being taken; a second Ctrl-C stops at once. Either way the light ends dark,
     and every point that was finished is kept.
+
+    Points of a simulated station can be measured by several processes, or several machines; the events are the same.
+
+    Example:  evs-bench run quick_look --workers 4 --out my_run
     """
-    result = take(protocol, station, out, seed, operator_steps)
+    result = take(protocol, station, out, seed, operator_steps, workforce_of(workers, cluster))
     return print_result(result, as_json)

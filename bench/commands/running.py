@@ -13,9 +13,20 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from bench.compute import Workforce
     from bench.run import RunResult
 
-__all__ = ["OperatorSteps", "ask_operator", "operator_option", "print_result", "take", "take_again"]
+__all__ = [
+    "OperatorSteps",
+    "ask_operator",
+    "operator_option",
+    "print_result",
+    "take",
+    "take_again",
+    "take_the_rest",
+    "workforce_of",
+    "workforce_options",
+]
 
 OperatorSteps = Literal["ask", "assume"]
 
@@ -28,7 +39,43 @@ operator_option = click.option(
 )
 
 
-def take(protocol: str, station: str, out: Path | None, seed: int | None, steps: OperatorSteps = "ask") -> RunResult:
+_workers_option = click.option(
+    "--workers",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Processes on this machine that measure points; a simulated station only.",
+)
+_cluster_option = click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Let the workers of a dask cluster measure the points, e.g. tcp://HOST:8786; a simulated station only.",
+)
+
+
+def workforce_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Give a command `--workers` and `--cluster`; :func:`workforce_of` reads them."""
+    return _workers_option(_cluster_option(command))
+
+
+def workforce_of(workers: int, cluster: str | None) -> Workforce:
+    """Return who computes, by the options of :func:`workforce_options`."""
+    from bench.compute import Workforce
+
+    if cluster is not None and workers != 1:
+        raise click.UsageError("--workers and --cluster exclude each other: the cluster has workers of its own")
+    return Workforce(workers, cluster)
+
+
+def take(
+    protocol: str,
+    station: str,
+    out: Path | None,
+    seed: int | None,
+    steps: OperatorSteps = "ask",
+    workforce: Workforce | None = None,
+) -> RunResult:
     """Run `protocol` on `station` with progress on stderr."""
     from bench.run import check, run_protocol
     from bench.run.progress import progress_for
@@ -46,15 +93,26 @@ def take(protocol: str, station: str, out: Path | None, seed: int | None, steps:
         seed=seed,
         progress=progress_for(sys.stderr),
         operator=_operator(steps),
+        workforce=workforce,
     )
 
 
-def take_again(run: Path, out: Path | None, steps: OperatorSteps = "ask") -> RunResult:
+def take_again(
+    run: Path, out: Path | None, steps: OperatorSteps = "ask", workforce: Workforce | None = None
+) -> RunResult:
     """Run again what is written in the run folder `run`."""
     from bench.run import rerun
     from bench.run.progress import progress_for
 
-    return rerun(run, out, progress=progress_for(sys.stderr), operator=_operator(steps))
+    return rerun(run, out, progress=progress_for(sys.stderr), operator=_operator(steps), workforce=workforce)
+
+
+def take_the_rest(run: Path, steps: OperatorSteps = "ask", workforce: Workforce | None = None) -> RunResult:
+    """Take the points of the run folder `run` that are not done."""
+    from bench.run import resume
+    from bench.run.progress import progress_for
+
+    return resume(run, progress=progress_for(sys.stderr), operator=_operator(steps), workforce=workforce)
 
 
 def ask_operator(step: str) -> None:
@@ -97,6 +155,8 @@ def print_result(result: RunResult, as_json: bool) -> int:
         click.echo(str(result.folder))
     if result.stopped:
         say(f"stopped after {result.done} of {result.total} points; they are kept in {result.folder}")
+        if result.resumable:
+            say(f"go on with: evs-bench resume {result.folder}")
         return 130
     say(f"{result.done} points; make the report with: evs-bench report {result.folder}")
     return 0

@@ -15,13 +15,15 @@ from bench.store.layout import RUN_FILE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bench.compute import Workforce
     from bench.run.progress import Progress
     from bench.run.stop import StopFlag
     from bench.station import Station
+    from bench.store.data import RunHeader
     from protocols import LoadedProtocol
     from protocols.schema import Protocol
 
-__all__ = ["rerun", "run_protocol"]
+__all__ = ["read_task", "rerun", "run_protocol"]
 
 
 def run_protocol(
@@ -33,6 +35,7 @@ def run_protocol(
     progress: Progress | None = None,
     stop: StopFlag | None = None,
     operator: Callable[[str], None] | None = None,
+    workforce: Workforce | None = None,
 ) -> RunResult:
     """Take all points of the protocol `loaded` on `station`, and leave a run folder.
 
@@ -42,12 +45,12 @@ def run_protocol(
         The run folder to make; default is ``runs/ID``. It must not exist.
     seed
         Seed of a simulated run, in place of all seeds of the protocol, also those of single measurements.
-    progress, stop, operator
+    progress, stop, operator, workforce
         See :func:`~bench.run.runner.take_run`, also for what is raised.
     """
     protocol = loaded.protocol if seed is None else _reseeded(loaded.protocol, seed)
     task = _task(protocol, Path(loaded.source).stem, loaded.text)
-    return take_run(task, station, out, progress=progress, stop=stop, operator=operator)
+    return take_run(task, station, out, progress=progress, stop=stop, operator=operator, workforce=workforce)
 
 
 def _reseeded(protocol: Protocol, seed: int) -> Protocol:
@@ -73,6 +76,7 @@ def rerun(
     progress: Progress | None = None,
     stop: StopFlag | None = None,
     operator: Callable[[str], None] | None = None,
+    workforce: Workforce | None = None,
 ) -> RunResult:
     """Take the run in `folder` once more, from the protocol, the seed and the station that are written in it.
 
@@ -82,6 +86,28 @@ def rerun(
     ------
     RunError
         If the run does not say how it was taken, as one that was imported.
+    """
+    header, again, station = read_task(folder)
+    name = header.id.partition("Z-")[2] or header.id
+    task = _task(again, name, str(header.everything.get("protocol_text", "")))
+    return take_run(
+        task,
+        station,
+        out,
+        progress=progress,
+        stop=stop,
+        operator=operator,
+        workforce=workforce,
+    )
+
+
+def read_task(folder: Path) -> tuple[RunHeader, Protocol, Station]:
+    """Return what ``run.yaml`` in `folder` says, with the protocol and the station that are written in it.
+
+    Raises
+    ------
+    RunError
+        If the run does not say how it was taken.
     """
     from bench.station import station_from
     from protocols.schema import Protocol
@@ -93,9 +119,7 @@ def rerun(
         again = Protocol.model_validate(protocol)
     except ValidationError as error:
         raise RunError(f"{where}: the protocol in it is none that this version reads: {_first(error)}") from error
-    name = header.id.partition("Z-")[2] or header.id
-    task = _task(again, name, str(header.everything.get("protocol_text", "")))
-    return take_run(task, station_from(station, str(where)), out, progress=progress, stop=stop, operator=operator)
+    return header, again, station_from(station, str(where))
 
 
 def _part(everything: dict[str, Any], key: str, where: Path) -> dict[str, Any]:

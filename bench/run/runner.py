@@ -10,12 +10,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench.compute import Workforce
 from bench.logs import LOG_FILE, log_into
+from bench.run.by_workers import ByWorkers, is_simulated, require_simulated
 from bench.run.plan import plan_or_raise
-from bench.run.progress import NoProgress, Stopwatch
+from bench.run.progress import NoProgress
 from bench.run.recorder import Recorder
 from bench.run.software import software_versions
 from bench.run.stop import StopFlag
+from bench.run.taking import OneByOne
 from bench.station.station import DevicesFailed
 from bench.store.errors import RunError
 from bench.store.writer import RunWriter
@@ -29,7 +32,16 @@ if TYPE_CHECKING:
     from bench.station import Station
     from protocols.points import Point, Roi
 
-__all__ = ["RunResult", "Task", "assume_done", "new_run_id", "take_run"]
+__all__ = [
+    "Crew",
+    "RunResult",
+    "Task",
+    "assume_done",
+    "carry_out",
+    "new_run_id",
+    "require_operator",
+    "take_run",
+]
 
 _log = logging.getLogger("evs_bench.run")
 
@@ -55,6 +67,7 @@ class RunResult:
     done: int  #: points that were taken
     total: int
     stopped: bool  #: by the operator, before the last point
+    resumable: bool = False  #: whether :func:`bench.run.resume` takes the rest of it
 
 
 def new_run_id(name: str, now: datetime | None = None) -> str:
@@ -73,6 +86,7 @@ def take_run(
     progress: Progress | None = None,
     stop: StopFlag | None = None,
     operator: Callable[[str], None] | None = None,
+    workforce: Workforce | None = None,
 ) -> RunResult:
     """Take all points of `task` on `station`.
 
@@ -89,36 +103,89 @@ def take_run(
     operator
         Called with each step that a person has to do; returns when it is done. Ctrl-C in it stops the run at once.
         :func:`assume_done` takes every step as done; without one, points with such a step are refused.
+    workforce
+        Who measures, where the whole station is simulated; default is this process. The events are the same.
 
     Raises
     ------
     InputError
         If points cannot be taken on this station (all reasons at once; nothing was switched on), a step needs an
-        operator and there is none, or `out` cannot be written.
+        operator and there is none, or `out` cannot be written. Also if there are several workers and the station is
+        not simulated, or if there is nobody to compute.
     DeviceError
         If a device fails: the point is noted as failed, the run as aborted. Also if a device could not be brought to
         its safe state at the end (:class:`~bench.station.DevicesFailed`), whatever else went wrong.
     KeyboardInterrupt
         If the operator wants to stop at once.
     """
+    if workforce is not None and not workforce.alone:
+        require_simulated(station)
     planned = plan_or_raise(task.points, station)
-    _require_operator(task.points, operator)
+    require_operator(task.points, operator)
     run_id = new_run_id(task.name)
     if out is None:
         run_id = _free_name(Path("runs") / run_id).name
     folder = out or Path("runs") / run_id
     if folder.exists():
         raise RunError(f"{folder}: exists already, and a run never overwrites; choose another name")
-    progress = progress or NoProgress()
-    stop = stop or StopFlag(progress.message)
     roi = planned[0].point.roi
-    with contextlib.closing(progress), stop.listening(), contextlib.ExitStack() as until_closed, _connected(station):
-        header = _header(task, station, run_id, roi)
-        with RunWriter(folder, header) as writer:
-            until_closed.enter_context(log_into(folder / LOG_FILE))  # it sees the station being closed
-            _log.info("run %s on station %s", run_id, station.name)
-            done = _Run(writer, Recorder(station, roi), progress, stop, operator or assume_done).take_all(planned)
-    return RunResult(folder, run_id, done, len(planned), stopped=done < len(planned))
+    crew = Crew.of(progress, stop, operator, workforce)
+    done = carry_out(planned, station, folder, lambda: RunWriter(folder, _header(task, station, run_id, roi)), crew)
+    return RunResult(folder, run_id, done, len(planned), done < len(planned), is_simulated(station))
+
+
+@dataclass(frozen=True, slots=True)
+class Crew:
+    """Who sees to a run: those who compute, and the operator."""
+
+    progress: Progress
+    stop: StopFlag
+    operator: Callable[[str], None]
+    workforce: Workforce
+
+    @classmethod
+    def of(
+        cls,
+        progress: Progress | None,
+        stop: StopFlag | None,
+        operator: Callable[[str], None] | None,
+        workforce: Workforce | None,
+    ) -> Crew:
+        """Return the crew, with the default for who is not there."""
+        progress = progress or NoProgress()
+        return cls(progress, stop or StopFlag(progress.message), operator or assume_done, workforce or Workforce())
+
+
+def carry_out(
+    planned: Sequence[PlannedPoint],
+    station: Station,
+    folder: Path,
+    open_writer: Callable[[], RunWriter],
+    crew: Crew,
+    *,
+    resumed: bool = False,
+) -> int:
+    """Take points into a run folder, and return how many were taken; `open_writer` is called when all is ready.
+
+    Raises what :func:`take_run` does.
+    """
+    roi = planned[0].point.roi
+    with contextlib.ExitStack() as after:
+        after.enter_context(contextlib.closing(crew.progress))
+        after.enter_context(crew.stop.listening())
+        executor = None
+        if not crew.workforce.alone:
+            executor = after.enter_context(crew.workforce.open(crew.progress.message))
+        log = after.enter_context(contextlib.ExitStack())  # it sees the station being closed
+        after.enter_context(_connected(station))
+        writer = after.enter_context(open_writer())
+        log.enter_context(log_into(folder / LOG_FILE))
+        _log.info("run in %s on station %s", folder, station.name)
+        told = (writer, crew.progress, crew.stop, crew.operator)
+        if executor is None:
+            return OneByOne(Recorder(station, roi), *told).take_all(planned, resumed=resumed)
+        same_disk = crew.workforce.cluster is None
+        return ByWorkers(executor, station, roi, same_disk, *told).take_all(planned, resumed=resumed)
 
 
 @contextlib.contextmanager
@@ -141,114 +208,19 @@ def _connected(station: Station) -> Iterator[None]:
             raise DevicesFailed(station.name, (*first, *station.unsafe)) from error
 
 
-class _Run:
-    """The points of one run, one after the other."""
-
-    def __init__(
-        self,
-        writer: RunWriter,
-        recorder: Recorder,
-        progress: Progress,
-        stop: StopFlag,
-        operator: Callable[[str], None],
-    ) -> None:
-        self._writer = writer
-        self._recorder = recorder
-        self._progress = progress
-        self._stop = stop
-        self._operator = operator
-
-    def take_all(self, planned: Sequence[PlannedPoint]) -> int:
-        """Take the points, and return how many were taken before the end or the operator's wish to stop."""
-        note = self._writer.note
-        note("run_started", points=len(planned))
-        try:
-            done = self._take_until_stopped(planned)
-        except BaseException as error:
-            self._note_if_possible("run_aborted", reason=_reason(error))
-            if isinstance(error, KeyboardInterrupt):
-                raise KeyboardInterrupt(self._stopped_at_once(planned)) from error
-            raise
-        if done < len(planned):
-            note("run_aborted", reason="stopped by the operator")
-        else:
-            note("run_finished")
-        return done
-
-    def _stopped_at_once(self, planned: Sequence[PlannedPoint]) -> str:
-        """Return what an operator should know who did not wait for the end of a point."""
-        done, folder = sum(self._writer.is_done(item.point.index) for item in planned), self._writer.folder
-        text = f"stopped at once, after {done} of {len(planned)} points; the point that was being taken is not kept"
-        if not done:
-            return f"{text}; take the run again, with another --out"
-        return f"{text}, the others are, in {folder}; evaluate them with: evs-bench report {folder}"
-
-    def _take_until_stopped(self, planned: Sequence[PlannedPoint]) -> int:
-        self._writer.note_plan([item.point.index for item in planned])
-        watch = Stopwatch([_cost(item) for item in planned])
-        for done, item in enumerate(planned):
-            if self._stop.requested:
-                return done
-            self._progress.update(watch.status(done, _description(item.point)))
-            self._take(item)
-        self._progress.update(watch.status(len(planned), ""))
-        return len(planned)
-
-    def _take(self, item: PlannedPoint) -> None:
-        """Take one point; whatever happens, the journal has it."""
-        index = item.point.index
-        if item.point.operator_before is not None:
-            self._ask_operator(item.point.operator_before)
-        self._writer.note("started", index)
-        try:
-            self._recorder.prepare(item)
-            with self._writer.point(index) as file:
-                self._writer.finish(file, self._recorder.take(item, file))
-        except BaseException as error:
-            if not self._writer.is_done(index):  # else it ended well, and what ends the run came after it
-                _log.exception("point %d failed", index)
-                self._note_if_possible("failed", index, reason=_reason(error))
-            raise
-
-    def _ask_operator(self, step: str) -> None:
-        _log.info("operator step: %s", step)
-        with self._stop.idle():
-            self._operator(step)
-
-    def _note_if_possible(self, state: str, point: int | None = None, *, reason: str) -> None:
-        """Write a journal line about an error; the error itself matters more than a disk that takes no line."""
-        with contextlib.suppress(RunError):
-            self._writer.note(state, point, reason=reason)
-
-
 def assume_done(step: str) -> None:
     """Take a step that a person has to do as done, and say so in the log."""
     _log.info("operator step taken as done: %s", step)
 
 
-def _require_operator(points: Sequence[Point], operator: Callable[[str], None] | None) -> None:
+def require_operator(points: Sequence[Point], operator: Callable[[str], None] | None) -> None:
+    """Raise :class:`InputError` if a point has a step for a person, and there is nobody to do it."""
     steps = [point for point in points if point.operator_before is not None]
     if steps and operator is None:
         raise InputError(
             f"{steps[0].measurement}: somebody has to do this first: {steps[0].operator_before!r}; run it at a "
             "terminal, or with --operator-steps assume if it needs no doing"
         )
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, KeyboardInterrupt):
-        return "stopped at once by the operator"
-    return " ".join(str(error).split()) or type(error).__name__
-
-
-def _cost(item: PlannedPoint) -> float:
-    """Return what a point is expected to cost: its recording and the settling of the light, s."""
-    return item.waveform.duration_s + item.point.settle.light_s
-
-
-def _description(point: Point) -> str:
-    text = f"{point.measurement}, {point.baseline_lux:.4g} lux"
-    return f"{text}, log contrast {point.log_contrast:.3f}" if point.log_contrast else text
 
 
 def _free_name(folder: Path) -> Path:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["sync_file", "sync_folder", "write_whole"]
+__all__ = ["lock_file", "sync_file", "sync_folder", "write_whole"]
 
 
 def sync_file(path: Path) -> None:
@@ -33,6 +33,18 @@ def sync_folder(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def lock_file(descriptor: int) -> None:
+    """Let no other process lock the open file; the lock ends with the process, however that ends.
+
+    Does nothing where the platform cannot. A file that another process has locked raises `BlockingIOError`.
+    """
+    if os.name != "posix":
+        return
+    import fcntl
+
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def write_whole(path: Path, text: str, part_suffix: str) -> None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["ReferenceEngine"]
 
 _US_PER_S: Final = 1e6
+_SHARE: Final = "EVS_BENCH_THREADS"
 #: A recording that ends this close to a sample, in samples, ends before it.
 _TIE_SAMPLES: Final = 1e-6
 
@@ -134,7 +135,15 @@ def samples_before(duration_s: float, dt_s: float) -> int:
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use."""
+    """Return the number of processors that this process may use.
+
+    Where several processes share a machine, the environment variable ``EVS_BENCH_THREADS`` says how many each takes.
+    """
+    share = os.environ.get(_SHARE)
+    if share is not None:
+        if not share.isdecimal() or int(share) < 1:
+            raise InputError(f"{_SHARE} is {share!r}; expected a number of threads, 1 or more")
+        return int(share)
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

@@ -18,6 +18,7 @@ from sim_backend.pixel import LightHistory, PixelModel, ReferenceEngine, build_c
 from sim_backend.pixel.chain import pixel_ids
 from sim_backend.pixel.effects import DarkCurrent, LightRiseTime, StrayLight, ThresholdMismatch, effects
 from sim_backend.pixel.engines import reference_kernels as kernels
+from sim_backend.pixel.engines.reference import processors
 from sim_backend.pixel.light import LightSampler
 from sim_backend.pixel.philox import philox4x32, split_seed
 
@@ -256,3 +257,11 @@ def test_the_euler_step_must_be_shorter_than_the_time_constant() -> None:
     with pytest.raises(InputError, match="not below the time constant of 20000 Hz"):
         events_of(fast, step="euler")
     assert len(events_of(fast)) > 0
+
+
+def test_the_share_of_the_processors_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EVS_BENCH_THREADS", "3")
+    assert processors() == 3
+    monkeypatch.setenv("EVS_BENCH_THREADS", "many")
+    with pytest.raises(InputError, match="EVS_BENCH_THREADS is 'many'; expected a number of threads, 1 or more"):
+        processors()
