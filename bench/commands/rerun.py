@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import json_option
+from bench.commands.common import effects_option, json_option
 from bench.commands.running import OperatorSteps, operator_option, print_result, take_again
 
 __all__ = ["command"]
@@ -15,6 +15,7 @@ __all__ = ["command"]
 @click.command(name="rerun")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to make; default is runs/ID.")
+@effects_option
 @operator_option
 @json_option
 def command(run: Path, out: Path | None, operator_steps: OperatorSteps, as_json: bool) -> int:
