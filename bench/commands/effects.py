@@ -41,7 +41,9 @@ def _explain(effect: EffectDescription, as_json: bool) -> None:
     if as_json:
         print_json({"format": "evs-bench-effect/1", **_as_dict(effect)})
         return
-    click.echo(f"{effect.id}, stage: {effect.stage}, {_origin(effect)}\n\n{effect.text}\n\nFirst sign: {effect.sign}\n")
+    click.echo(
+        f"{effect.id}, stage: {effect.stage}, {_origin(effect)}\n\n{effect.text}\n\nFirst sign: {effect.sign}\n"
+    )
     header = ("parameter", "unit", "lowest", "highest", "default", "null", "meaning")
     print_table(header, [_row(parameter) for parameter in effect.parameters])
 

@@ -168,7 +168,9 @@ def _thresholds(function: Any) -> Any:
 def _compiled(hook: Hook) -> Any:
     for function in _with_helpers(hook.function, ()):
         if any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(function)):
-            raise InputError(f"{hook} raises an error, which a compiled function cannot; return nan to refuse a value")
+            raise InputError(
+                f"{hook} raises an error, which a compiled function cannot; return nan to refuse a value"
+            )
     return _dispatcher(hook.function)
 
 
@@ -217,7 +219,8 @@ def _is_number(given: Any) -> bool:
 def _reason(message: str) -> str:
     """Return the line of numba's message that says what is wrong."""
     lines = _COLOUR.sub("", message).splitlines()
-    return next((line.strip() for line in lines if not _NO_REASON.match(line)), " ".join(lines))
+    reason = next((line.strip() for line in lines if not _NO_REASON.match(line)), " ".join(lines))
+    return reason.replace(">>> ", "there is no ")
 
 
 def _at(hook: Hook, message: str) -> str:
