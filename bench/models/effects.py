@@ -40,7 +40,7 @@ def describe(effect_id: str) -> EffectDescription:
 
 
 def described_effects() -> tuple[EffectDescription, ...]:
-    """Return all known effects, those of plug-ins and of a user's files included, in the order in which a signal passes them."""
+    """Return all known effects in the order in which a signal passes them; those of plug-ins and of files too."""
     found = sorted(effects().values(), key=lambda effect: STAGES.index(effect.stage))
     return tuple(_described(effect) for effect in found)
 

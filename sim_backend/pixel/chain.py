@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -88,7 +88,7 @@ class Chain:
     trail_s: float = 0.0  #: time without an event after which a run of one polarity is over, s
     limit_eps: float = math.inf  #: events per second that pass the rate limit
     limit_period_s: float = 2e-4  #: period in which the rate limit counts, s
-    hooks: Hooks = Hooks()  #: what numbers cannot say
+    hooks: Hooks = field(default_factory=Hooks)  #: what numbers cannot say
 
     @property
     def pixels(self) -> int:

@@ -33,6 +33,11 @@ class Hook:
     function: Callable[..., Any]  #: its first argument is `parameters`
     parameters: Any  #: named tuple of numbers where the function is compiled, else the effect
 
+    @property
+    def named(self) -> Any:
+        """The type of `parameters`, the same for all effects of a class."""
+        return type(self.parameters)
+
     def __str__(self) -> str:
         """Return where it stands, and which it is."""
         return f"{self.place}: effect {self.effect_id}: {self.function.__name__}"
@@ -109,10 +114,12 @@ def _hook(effect: Effect, name: str) -> Hook:
 def _numbers(effect: Effect) -> tuple[float, ...]:
     """Return the parameters as a named tuple, which a compiled function reads as it would read the effect."""
     values = [float("nan") if value is None else float(value) for value in effect.values().values()]
-    return _tuple_of(type(effect))(*values)
+    cls: Any = type(effect)
+    named: tuple[float, ...] = _tuple_of(cls)(*values)
+    return named
 
 
 @cache
-def _tuple_of(cls: type[Effect]) -> Callable[..., tuple[float, ...]]:
+def _tuple_of(cls: Any) -> Any:
     """Return one type for each class: compiled code is for the type, whatever the numbers."""
-    return namedtuple(cls.__name__, [p.name for p in cls.parameters()])  # type: ignore[misc]  # noqa: PYI024
+    return namedtuple(cls.__name__, [p.name for p in cls.parameters()])

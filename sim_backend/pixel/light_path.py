@@ -57,14 +57,14 @@ class ChipLight:
 
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
-        lux = self._sampler.lux(start, stop)
+        lux: npt.NDArray[np.float64] = self._sampler.lux(start, stop)
         factor = self._factor(start, stop)
         if factor is not None:
             room = self._room_lux[self._sampler.segments(start, stop)]
-            lux = np.where(lux > room, lux - room, 0.0) * factor + room
-        lux = lux + self._chain.stray_lux
+            lux = np.asarray(np.where(lux > room, lux - room, 0.0) * factor + room)
+        lux = np.asarray(lux + self._chain.stray_lux)
         for hook in self._chain.hooks.light:
-            lux = _lux_by(hook, lux, np.arange(start, stop) * self._dt_s)
+            lux = _lux_by(hook, lux, np.asarray(np.arange(start, stop) * self._dt_s, np.float64))
         return lux
 
     def _factor(self, start: int, stop: int) -> npt.NDArray[np.float64] | None:

@@ -1,8 +1,8 @@
 """Every command and every Python block in README and docs does what it says.
 
 Blocks fenced as ``sh`` are run line by line, in one temporary folder for each document; blocks fenced as ``python``
-are run in the same folder, and blocks of any kind that begin with ``# file: NAME`` are written into it. Lines that set up a
-machine (make, pip, git, an environment) are left to the CI script, which runs them from a fresh clone.
+are run in the same folder, and blocks that begin with ``# file: NAME``, Python or not, are written into it. Lines
+that set up a machine (make, pip, git, an environment) are left to the CI script, which runs them from a fresh clone.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import inspect
 import linecache
 import re
 import sys
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any, Final
@@ -19,6 +19,7 @@ from sim_backend.pixel.hooks import COMPILED, HOOKS, Hooks, failure, with_hooks
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Iterator
 
 __all__ = ["EffectSource", "check_effect_class", "read_effect_file"]
 
@@ -68,7 +69,7 @@ def read_effect_file(path: str | os.PathLike[str]) -> EffectSource:
     return EffectSource(source, "file", sha256, effects, path=str(where), text=text)
 
 
-def check_effect_class(cls: type[Any], place: str) -> None:
+def check_effect_class(cls: type[Effect], place: str) -> None:
     """Raise :class:`InputError` if `cls` cannot be used as an effect; `place` is where it stands.
 
     It is looked at as a class and made once with all defaults and once at its null value.
@@ -106,18 +107,18 @@ def _run(text: str, source: str, path: Path) -> ModuleType:
     return module
 
 
-def _problems(cls: type[Any]) -> Any:
+def _problems(cls: type[Effect]) -> Iterator[str]:
     """Yield what is wrong with a class, each in words."""
     name = cls.__name__
     if not isinstance(getattr(cls, "id", None), str) or not _ID.fullmatch(cls.id):
         yield f"{name}: id is {getattr(cls, 'id', None)!r}; expected a name of small letters, digits and underscores"
     if getattr(cls, "stage", None) not in STAGES:
         yield f"{name}: stage is {getattr(cls, 'stage', None)!r}; expected one of {', '.join(STAGES)}"
-    if not (is_dataclass(cls) and "__dataclass_fields__" in vars(cls)) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+    if "__dataclass_params__" not in vars(cls) or not vars(cls)["__dataclass_params__"].frozen:
         yield f"{name}: is no frozen dataclass; expected @dataclass(frozen=True, slots=True) above it"
         return
     described = {p.name for p in cls.parameters()}
-    for field in fields(cls):
+    for field in fields(cls):  # type: ignore[arg-type]
         if field.name not in described or field.name.startswith("_"):
             yield f"{name}: field {field.name} is no parameter; expected {field.name}: float = parameter(...)"
         if field.name in HOOKS:
@@ -125,7 +126,7 @@ def _problems(cls: type[Any]) -> Any:
     yield from _problems_of_methods(cls)
 
 
-def _problems_of_methods(cls: type[Any]) -> Any:
+def _problems_of_methods(cls: type[Effect]) -> Iterator[str]:
     if cls.apply is Effect.apply and not cls.hooks():
         yield f"{cls.__name__}: does nothing; expected apply or one of {', '.join(HOOKS)}"
     for method in ("apply", *cls.hooks()):

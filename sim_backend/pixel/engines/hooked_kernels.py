@@ -175,7 +175,7 @@ def advance(row, seconds, leaked, h, u, shot, forget, sigma, added, z, z_shot, z
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def set_levels(lane, current, since_s, h, resets, levels, trouble):  # type: ignore[no-untyped-def]
-    """Set the comparators around what was memorised; `resets` has the level, the sample and z of each lane's reset."""
+    """Set the comparators around what was memorised; `resets` has level, sample and z of each lane's reset."""
     on, off = h.f.thresholds(h.p.thresholds, h.fixed[2, lane], h.fixed[3, lane], current, since_s, resets[2, lane])
     if not (on > 0.0 and off > 0.0):
         note(trouble, 5, off if on > 0.0 else on, current)

@@ -79,7 +79,8 @@ class HookedLanes(GeneralLanes):
         chain, lanes = self._chain, reference_kernels.LANES
         hooks = [address(name, getattr(chain.hooks, name)) for name in COMPILED]
         of_pixels = (
-            chain.gain_fa_per_lux, chain.dark_fa, chain.theta_on, chain.theta_off, chain.refractory_s, chain.leak_per_s
+            chain.gain_fa_per_lux, chain.dark_fa, chain.theta_on, chain.theta_off, chain.refractory_s,
+            chain.leak_per_s,
         )  # fmt: skip
         return hooked_kernels.Pixel(
             c=self.c,

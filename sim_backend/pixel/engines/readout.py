@@ -1,8 +1,8 @@
 """What happens to events after the comparators, as a stream of bounded memory.
 
 In this order: the comparators' delay, hot pixels, crosstalk, queue, jitter, sorting, trail filter, rate limit, the
-functions of effects; then times are rounded to the microsecond. Each stage takes events in order of time together with a time `until_us` that
-nothing later is before, and returns the same: it holds back what it cannot decide yet.
+functions of effects; then times are rounded to the microsecond. Each stage takes events in order of time together
+with a time `until_us` that nothing later is before, and returns the same: it holds back what it cannot decide yet.
 
 Random numbers are addressed by the recording's seed and the event's pixel, time and polarity: the same events have
 the same fate, however they are cut into stretches. Source of the generator: see :mod:`sim_backend.pixel.philox`.

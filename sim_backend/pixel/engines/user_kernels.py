@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Function = Callable[..., Any]
 
 _NUMBER: Final = types.float64
-_PAIR: Final = types.UniTuple(_NUMBER, 2)
+_PAIR: Final = types.UniTuple(_NUMBER, 2)  # type: ignore[no-untyped-call]
 _PARAMETERS: Final = types.Array(_NUMBER, 1, "C")
 #: What the kernel calls, by the hook: parameters and plain numbers in, numbers out.
 _OF_TWO: Final = _NUMBER(_PARAMETERS, _NUMBER, _NUMBER)
@@ -42,20 +42,21 @@ _LINE: Final = re.compile(r'File "[^"]*", line (\d+)')
 
 
 @cfunc(_OF_TWO, cache=True)
-def _unchanged_of_two(parameters, value, current):  # type: ignore[no-untyped-def]
+def _unchanged_of_two(_parameters, value, _current):  # type: ignore[no-untyped-def]
     return value
 
 
 @cfunc(_OF_THREE, cache=True)
-def _unchanged_of_three(parameters, value, current, z):  # type: ignore[no-untyped-def]
+def _unchanged_of_three(_parameters, value, _current, _z):  # type: ignore[no-untyped-def]
     return value
 
 
 @cfunc(_THRESHOLDS, cache=True)
-def _unchanged_thresholds(parameters, on, off, current, since_s, z):  # type: ignore[no-untyped-def]
+def _unchanged_thresholds(_parameters, on, off, _current, _since_s, _z):  # type: ignore[no-untyped-def]
     return on, off
 
 
+_to_tuple: Any = to_fixed_tuple  # the number of values must be a constant where it is compiled
 _compile = njit(nogil=True, error_model="numpy")
 
 
@@ -69,15 +70,17 @@ def address(name: str, hooks: tuple[Hook, ...]) -> tuple[Any, Any]:
     """
     parameters = np.array([value for hook in hooks for value in hook.parameters], np.float64)
     if name == "thresholds":
-        return (_thresholds(_in_turn_pairs(hooks)) if hooks else _unchanged_thresholds), parameters
+        return (_thresholds(_in_turn(hooks, _behind_pairs)) if hooks else _unchanged_thresholds), parameters
     if name == "refractory":
-        return (_of_three(_in_turn(hooks)) if hooks else _unchanged_of_three), parameters
-    return (_of_two(_in_turn(hooks)) if hooks else _unchanged_of_two), parameters
+        return (_of_three(_in_turn(hooks, _behind)) if hooks else _unchanged_of_three), parameters
+    return (_of_two(_in_turn(hooks, _behind)) if hooks else _unchanged_of_two), parameters
 
 
 def check(hook: Hook) -> None:
     """Raise :class:`InputError`, one line with file and line, if a hook cannot be compiled or gives no number."""
-    function = _compiled(hook)
+    if _raises(hook.function):
+        raise InputError(f"{hook} raises an error, which a compiled function cannot; return nan to refuse a value")
+    function = _compiled(hook.function)
     name = hook.function.__name__
     inputs = (function.typeof_pyval(hook.parameters), *[_NUMBER] * _numbers_of(name))
     try:
@@ -94,37 +97,27 @@ def _numbers_of(name: str) -> int:
     return {"thresholds": 5, "refractory": 3}.get(name, 2)
 
 
-def _in_turn(hooks: tuple[Hook, ...]) -> Any:
-    """Return the function that lets each hook act on what the ones before gave."""
+def _in_turn(hooks: tuple[Hook, ...], behind: Function) -> Any:
+    """Return the function that lets each hook act on what the ones before gave; `behind` puts two together."""
     function, begin = None, 0
     for hook in hooks:
         check(hook)
-        function = _behind(function, _of_array(_compiled(hook), type(hook.parameters), begin))
-        begin += len(hook.parameters)
-    return function
-
-
-def _in_turn_pairs(hooks: tuple[Hook, ...]) -> Any:
-    """Return the same for functions of both thresholds."""
-    function, begin = None, 0
-    for hook in hooks:
-        check(hook)
-        function = _behind_pairs(function, _of_array(_compiled(hook), type(hook.parameters), begin))
+        function = behind(function, _of_array(_compiled(hook.function), hook.named, begin))
         begin += len(hook.parameters)
     return function
 
 
 @cache
 def _of_array(function: Any, named: Any, begin: int) -> Any:
-    """Return `function` of the parameters that stand in the array from `begin`."""
+    """Return `function` of the parameters that stand in the array from `begin`, as the named tuple `named`."""
     count = len(named._fields)
     if count == 0:
-        return _compile(lambda parameters, *numbers: function(named(), *numbers))
-    return _compile(
-        lambda parameters, *numbers: function(
-            named(*to_fixed_tuple(parameters[begin : begin + count], count)), *numbers
-        )
-    )  # fmt: skip
+        return _compile(lambda _, *numbers: function(named(), *numbers))
+
+    def of_array(parameters, *numbers):  # type: ignore[no-untyped-def]
+        return function(named(*_to_tuple(parameters[begin : begin + count], count)), *numbers)
+
+    return _compile(of_array)
 
 
 @cache
@@ -165,18 +158,16 @@ def _thresholds(function: Any) -> Any:
     return cfunc(_THRESHOLDS)(both)
 
 
-def _compiled(hook: Hook) -> Any:
-    for function in _with_helpers(hook.function, ()):
-        if any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(function)):
-            raise InputError(
-                f"{hook} raises an error, which a compiled function cannot; return nan to refuse a value"
-            )
-    return _dispatcher(hook.function)
+@cache
+def _compiled(function: Function) -> Any:
+    return _compile(_ready(function, ()))
 
 
 @cache
-def _dispatcher(function: Function) -> Any:
-    return _compile(_ready(function, ()))
+def _raises(function: Function) -> bool:
+    """Return whether `function`, or one that it calls, has a raise or an assert in it."""
+    code = (step.opname for part in _with_helpers(function, ()) for step in dis.get_instructions(part))
+    return "RAISE_VARARGS" in code
 
 
 def _helpers(function: Function) -> dict[str, Function]:
@@ -208,12 +199,13 @@ def _ready(function: Function, callers: tuple[Function, ...]) -> Function:
 
 def _fits(name: str, given: Any) -> bool:
     if name == "thresholds":
-        return isinstance(given, types.BaseTuple) and len(given) == 2 and all(_is_number(g) for g in given)
-    return _is_number(given)
+        is_tuple = isinstance(given, types.BaseTuple)
+        return is_tuple and _are_numbers(given.types, 2)
+    return _are_numbers((given,), 1)
 
 
-def _is_number(given: Any) -> bool:
-    return isinstance(given, types.Float | types.Integer)
+def _are_numbers(given: tuple[Any, ...], count: int) -> bool:
+    return len(given) == count and all(isinstance(g, types.Float | types.Integer) for g in given)
 
 
 def _reason(message: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import shutil
 from importlib.resources import files
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import h5py
@@ -21,6 +20,7 @@ from sim_backend.pixel.effects import forget_effect_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 EFFECT = '''\
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def run(*arguments: str) -> int:
     """Run a command as in a process of its own: it knows no files of earlier ones."""
     forget_effect_files()
-    return cli.run(arguments)
+    return cli.run(list(arguments))
 
 
 def events_of(folder: Path) -> list[Any]:

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
 DT_S = 1e-5
 ROI = Roi(30, 40, 11, 13)  # 143 pixels: two whole groups of lanes and a part of one
+ONE_PIXEL = Roi(0, 0, 1, 1)
 STEPS = LightHistory(np.array([0.0, 0.01, 0.02, 0.0301, 0.045]), np.array([0.3, 0.9, 0.2, 4.0, 0.3]), nd_od=3.0)
 BASE = PixelModel(noise_rms=0.09, corner_hz=300.0, theta_on=0.3, theta_off=0.25, refractory_s=2e-3)
 QUIET = replace(BASE, noise_rms=0.0)
@@ -113,7 +114,8 @@ def effect(hook: str, function: Any, effect_id: str = "mine", stage: Stage = "li
     body: dict[str, Any] = {"id": effect_id, "stage": stage, "__annotations__": dict.fromkeys(fields, "float")}
     body |= {name: parameter("1", (-math.inf, math.inf), value, None, "") for name, value in fields.items()}
     function.__name__ = hook
-    made: Effect = dataclass(frozen=True)(type("Mine", (Effect,), {**body, hook: function}))()
+    cls: Any = type("Mine", (Effect,), {**body, hook: function})
+    made: Effect = dataclass(frozen=True)(cls)()
     return made
 
 
@@ -124,7 +126,7 @@ def recorded(model: PixelModel, light: LightHistory, duration_s: float, roi: Roi
     return np.concatenate([np.empty(0, EVENT_DTYPE), *parts])
 
 
-def intervals_s(model: PixelModel, current_fa: float, duration_s: float, roi: Roi = Roi(0, 0, 1, 1)) -> Any:
+def intervals_s(model: PixelModel, current_fa: float, duration_s: float, roi: Roi = ONE_PIXEL) -> Any:
     """Return the intervals between events that follow each other in a pixel, at a constant photocurrent."""
     events = recorded(model, LightHistory.constant(current_fa / GAIN), duration_s, roi)
     pixels = events["y"].astype(int) * 4096 + events["x"]
@@ -135,7 +137,7 @@ def intervals_s(model: PixelModel, current_fa: float, duration_s: float, roi: Ro
 def test_an_effect_has_the_hooks_that_it_overrides() -> None:
     assert Idle.hooks() == HOOKS
     assert Leak.hooks() == ()
-    chain = build_chain(BASE + effect("light", lambda self, lux, t_s: lux), ROI, 1)
+    chain = build_chain(BASE + effect("light", drift), ROI, 1)
     assert has_hooks(chain)
     assert not chain.hooks.compiled
     assert not needs_general(chain)
@@ -353,7 +355,7 @@ def too_few(self, lux, t_s):  # type: ignore[no-untyped-def]
 
 
 def broken(self, lux, t_s):  # type: ignore[no-untyped-def]
-    return lux / {}["scale"]
+    return lux / {"factor": 2.0}["scale"]
 
 
 def no_number(self, value, current_fa):  # type: ignore[no-untyped-def]
@@ -370,6 +372,10 @@ def no_dead_time(self, period_s, current_fa, z):  # type: ignore[no-untyped-def]
 
 def no_threshold(self, on, off, current_fa, since_s, z):  # type: ignore[no-untyped-def]
     return on, off - 10.0 * since_s
+
+
+def very_fast(self, corner_hz, current_fa):  # type: ignore[no-untyped-def]
+    return 2e4
 
 
 def listed(self, events, draws, memory):  # type: ignore[no-untyped-def]
@@ -392,7 +398,7 @@ def early(self, events, draws, memory):  # type: ignore[no-untyped-def]
         ("noise_rms", minus, r"noise_rms gave -1 at .* expected 0 or more, ln units"),
         ("leak", no_number, r"leak gave nan at .* expected a finite number, ln units per s"),
         ("thresholds", no_threshold, r"thresholds gave 0 at .* expected more than 0, ln units"),
-        ("refractory", no_dead_time, r"test_hooks\.py:\d+: effect mine: refractory gave -1 at .* expected 0 to 1e\+09 s"),
+        ("refractory", no_dead_time, r"test_hooks\.py:\d+: .* refractory gave -1 at .* expected 0 to 1e\+09 s"),
         ("events", listed, r"events gave a list; expected an array of events"),
         ("events", early, r"events gave an event at -?\d+ us; expected none before \d+ us"),
     ],
@@ -405,6 +411,6 @@ def test_what_cannot_be_used_is_named(hook: str, function: Any, message: str) ->
 
 
 def test_the_euler_step_is_too_long_for_a_fast_photoreceptor() -> None:
-    model = QUIET + effect("receptor_hz", lambda self, corner_hz, current_fa: 2e4)
+    model = QUIET + effect("receptor_hz", very_fast)
     with pytest.raises(InputError, match=r"not below the time constant of the photoreceptor, 20000 Hz at"):
         recorded(model, STEPS, 0.06, step="euler")
