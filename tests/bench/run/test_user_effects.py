@@ -107,6 +107,7 @@ def test_the_run_says_what_it_used(taken: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_the_run_is_repeated_with_the_same_file_only(taken: Path, capfd: pytest.CaptureFixture[str]) -> None:
     capfd.readouterr()
     assert run("analyze", "run", "--no-pixel-maps") == 0
