@@ -88,12 +88,13 @@ class LightSampler:
     def __init__(self, light: LightHistory, dt_s: float) -> None:
         self._light = light
         self._dt_s = dt_s
-        self._first = first_sample_at(light.t_s, dt_s)
-        self._at_edge_lux = _levels_at_edges(light)
+        self.first = first_sample_at(light.t_s, dt_s)  #: (m,) first sample of each level
+        self.at_edge_lux = _levels_at_edges(light)  #: (m,) illuminance at the moment of each edge, lux
+        self.settled_lux = light.lux  #: (m,) illuminance long after it, lux
 
     def segments(self, start: int, stop: int) -> npt.NDArray[np.int64]:
         """Return the number of the commanded level at the samples `start` to `stop` - 1."""
-        return np.searchsorted(self._first, np.arange(start, stop), side="right") - 1
+        return np.searchsorted(self.first, np.arange(start, stop), side="right") - 1
 
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
@@ -103,7 +104,7 @@ class LightSampler:
         if self._light.rise_tau_s == 0.0:
             return commanded
         since_s = np.maximum(n * self._dt_s - self._light.t_s[segment], 0.0)
-        gap = (self._at_edge_lux[segment] - commanded) * np.exp(-since_s / self._light.rise_tau_s)
+        gap = (self.at_edge_lux[segment] - commanded) * np.exp(-since_s / self._light.rise_tau_s)
         settled = np.abs(gap) <= _SETTLED_RELATIVE * commanded + _SETTLED_LUX
         return np.where(settled, commanded, commanded + gap)
 

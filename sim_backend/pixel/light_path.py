@@ -49,7 +49,9 @@ class ChipLight:
     def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
         self._chain = chain
         self._dt_s = dt_s
-        self._sampler = LightSampler(commanded_light(chain, light), dt_s)
+        commanded = commanded_light(chain, light)
+        self._sampler = LightSampler(commanded, dt_s)
+        self.rise_tau_s = commanded.rise_tau_s  #: time constant of the source's edges, s
         self._room_lux = np.asarray(light.room_lux)
         self._nd_factor = np.where(np.asarray(light.nd_od) > 0.0, math.pow(10.0, -chain.nd_error_od), 1.0)
         drawn = 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])
@@ -66,6 +68,30 @@ class ChipLight:
         for hook in self._chain.hooks.light:
             lux = _lux_by(hook, lux, np.asarray(np.arange(start, stop) * self._dt_s, np.float64))
         return lux
+
+    @property
+    def first(self) -> npt.NDArray[np.int64]:
+        """First sample of each commanded level, (m,)."""
+        return self._sampler.first
+
+    @property
+    def settled_lux(self) -> npt.NDArray[np.float64]:
+        """Illuminance of each commanded level long after its edge, without drift and flicker, (m,) lux."""
+        return self._behind_filter(self._sampler.settled_lux)
+
+    @property
+    def at_edge_lux(self) -> npt.NDArray[np.float64]:
+        """Illuminance right at the edge to each commanded level, behind its filter; no drift or flicker, (m,) lux."""
+        return self._behind_filter(self._sampler.at_edge_lux)
+
+    @property
+    def never_settles(self) -> bool:
+        """Whether the light drifts or flickers."""
+        return not self._chain.drift_per_s == self._chain.flicker_depth == 0.0
+
+    def _behind_filter(self, lux: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        room = self._room_lux
+        return np.asarray(np.where(lux > room, lux - room, 0.0) * self._nd_factor + room + self._chain.stray_lux)
 
     def _factor(self, start: int, stop: int) -> npt.NDArray[np.float64] | None:
         """Return what source and filter make of the source's light; None: they leave it as it is."""

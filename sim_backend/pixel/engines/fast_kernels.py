@@ -10,6 +10,10 @@ pixel goes in steps, each from a sample to a later one, all of whose samples in 
   have crossed. Behind it the future is drawn afresh, from the line, and what was drawn as the end is forgotten;
 - a pixel that has been quiet for long jumps to its next event, or to the next edge, by the table of rates.
 
+While the light moves, the output less its settled level is w plus what the low-pass makes of the moving light, a table
+over the samples (:mod:`sim_backend.pixel.engines.moving_kernels`): within a block each level is taken where it is
+nearest. A leak moves both levels by the same amount in each sample, and is treated in the same way.
+
 The normal numbers of a pixel are taken in turn from its own sequence (Philox, with the number of four of them, the
 pixel and a purpose as counter), so they do not depend on other pixels, on threads, or on where a stretch ends.
 """
@@ -23,6 +27,7 @@ import numpy as np
 
 from drivers.jit import njit
 from sim_backend.pixel.engines.hazard import B_FIRST, B_LAST, B_STEP, Z_LAST, Z_STEP
+from sim_backend.pixel.engines.moving_kernels import LONGEST_MOVING, between_nodes, extremes
 from sim_backend.pixel.engines.reference_kernels import normal_pair, philox4x32, start_normals  # noqa: F401
 
 NEVER: Final = np.iinfo(np.int64).max  #: the pixel is not blind, or has no hazard to wait for
@@ -30,7 +35,7 @@ PURPOSE_FAST: Final = 2  #: third word of the counter
 
 DRAW_LANES: Final = 32  #: counters that are turned into normal numbers together
 DRAWS: Final = 4 * DRAW_LANES  #: normal numbers in store for a pixel
-MOST_DRAWS: Final = 16  #: of one step at the most
+MOST_DRAWS: Final = 17  #: of one step at the most
 
 # Columns of the whole numbers of a pixel's state
 AT: Final = 0  #: the last sample that has been dealt with
@@ -42,16 +47,21 @@ COUNTER: Final = 5  #: counters used
 WHOLE: Final = 6  #: how many columns
 
 # Columns of the real numbers of a pixel's state, all in units of the rms
-OUTPUT: Final = 0  #: w, the output less the settled level
-REFERENCE: Final = 1  #: what is memorised, less the settled level
-LEVEL: Final = 2  #: the settled level
-REAL: Final = 3  #: how many columns
+OUTPUT: Final = 0  #: w, the output less the settled level and less MOVED
+LEVEL: Final = 1  #: the settled level
+MOVED: Final = 2  #: what the low-pass has made of the moving light since the last edge
+ON_LEVEL: Final = 3  #: output less settled level at which an ON event is made
+OFF_LEVEL: Final = 4
+REAL: Final = 5  #: how many columns
 
 # Columns of what is fixed for a pixel
 GAIN: Final = 0
 DARK: Final = 1
 ON: Final = 2  #: threshold over rms
 OFF: Final = 3
+LEAK: Final = 4  #: drift of D over rms, per sample
+NODE: Final = 5  #: place between the pixels of the table of moving light
+FIXED: Final = 6  #: how many columns
 
 #: The further barrier must be this far away for the table of rates, and the two this far apart.
 FURTHER: Final = 3.5
@@ -60,6 +70,11 @@ APART: Final = 7.99
 #: The longest block is ``sqrt(distance / (factor level))`` time constants, for a level beyond zero and on this side.
 _FAR: Final = 0.25
 _NEAR: Final = 0.5
+
+#: A level may move this far, in rms, during a jump; the hazard is that of the middle.
+_JUMP_DRIFT: Final = 0.02
+#: Of the distance to a level that moves in a block, at least this part is kept.
+_KEPT_DISTANCE: Final = 0.5
 
 #: A path is taken never to reach a line if the exponent of the probability is beyond this: 1 in 10^11.
 _NO_HIT: Final = 25.0
@@ -232,7 +247,12 @@ def table_holds(upper, lower):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def jump(upper, lower, samples, log_rate, inside, beyond, z, used):  # type: ignore[no-untyped-def]
-    """Take a quiet pixel to its next event, or `samples` on; returns what :func:`block` returns."""
+    """Take a quiet pixel to its next event, or `samples` on.
+
+    Returns
+    -------
+    What :func:`block` returns, and 1 for an ON event, -1 for an OFF event, 0 for none.
+    """
     on = hazard(log_rate, upper)
     off = hazard(log_rate, -lower)
     wait = exponential(z, used)
@@ -243,21 +263,37 @@ def jump(upper, lower, samples, log_rate, inside, beyond, z, used):  # type: ign
             w += from_normal(inside, upper, z0) - z0
         if lower > -B_LAST:
             w -= from_normal(inside, -lower, -z0) + z0
-        return samples, w, used + 3
+        return samples, w, used + 3, 0
     gone = min(int(wait / (on + off)) + 1, samples)
     if exponential(z, used + 3) * off < exponential(z, used + 5) * on:
-        return gone, from_normal(beyond, upper, z0), used + 7
-    return gone, -from_normal(beyond, -lower, z0), used + 7
+        return gone, from_normal(beyond, upper, z0), used + 7, 1
+    return gone, -from_normal(beyond, -lower, z0), used + 7, -1
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def event_at(w, upper, lower):  # type: ignore[no-untyped-def]
+def event_at(value, upper, lower):  # type: ignore[no-untyped-def]
     """Return 1 for an ON event, -1 for an OFF event, 0 for none."""
-    return (1 if w >= upper else 0) - (1 if w <= lower else 0)
+    return (1 if value >= upper else 0) - (1 if value <= lower else 0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, pixels, sensor, blocks, tables, state, events):  # type: ignore[no-untyped-def]
+def block_under_moving_light(w, on_level, off_level, slope, most, scale, place, at, moving):  # type: ignore[no-untyped-def]
+    """Return the samples of the next block, and both levels for w where they are nearest in it."""
+    table, lows, highs, begin = moving
+    now = between_nodes(table, place, at - begin)
+    near = min(on_level - now - w, w - off_level + now)
+    samples = choose_block(w, on_level - now, off_level - now, most, scale)
+    while True:
+        low, high = extremes(lows, highs, place, begin, at, at + samples)
+        upper = on_level - high - max(slope, 0.0) * samples
+        lower = off_level - low - min(slope, 0.0) * samples
+        if samples == 1 or min(upper - w, w - lower) >= _KEPT_DISTANCE * near:
+            return samples, upper, lower
+        samples = (samples + 1) // 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, reset, sensor, blocks, tables, moving, state, events):  # type: ignore[no-untyped-def]
     """Take pixels to sample `stop` - 1 or beyond, or until there is no more room for events.
 
     Parameters
@@ -267,7 +303,8 @@ def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, pixels, senso
     stop
         Sample.
     light
-        (m + 1,) and (m,): first sample of each stretch of constant light, with one beyond all others, and its light.
+        (m + 1,), (m + 1,) and (m,): first sample of each segment between two edges, with one beyond all others; last
+        sample at which its light still moves; its settled light; its leak, rms per sample, beside that of the pixel.
     rate, rms
         Inverse of the time constant, per sample; rms of the noise.
     settle
@@ -276,15 +313,18 @@ def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, pixels, senso
         Seed of the recording, two uint32.
     lowest
         The logarithm is taken of no less than this, fA.
-    pixels
-        Number of all pixels.
+    reset
+        Rms of the noise of a reset, over that of the noise.
     sensor
-        Of each pixel: (n, 4) gain, dark current, thresholds over rms; (n,) samples of dead time; (n,) uint32 number;
+        Number of all pixels; of each pixel: (n, FIXED) what is fixed; (n,) samples of dead time; (n,) uint32 number;
         (n,) place in the order in which events of one time are given; (n,) longest block, samples.
     blocks
         For blocks of n samples from 0 to the longest, x = rate n: exp(-x), sqrt(1 - exp(-2 x)), cosh(x / 2).
     tables
         Logarithm of the rate (1, b), law inside (b, z) and law beyond (b, z).
+    moving
+        Table, lows and highs of :func:`~sim_backend.pixel.engines.moving_kernels.follow`, with the sample before the
+        first one as the table's first column, and the number of that sample.
     state
         (n, WHOLE), (n, REAL), (n, DRAWS): state of each pixel, and normal numbers. Changed.
     events
@@ -295,9 +335,9 @@ def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, pixels, senso
     The index of the pixel to go on with, and the number of events.
     """
     words = np.empty(DRAWS, np.uint32)
-    first, lux = light
+    first, until, lux, leaks = light
     key0, key1 = key
-    fixed, dead, pixel, rank, longest = sensor
+    pixels, fixed, dead, pixel, rank, longest = sensor
     fades, spreads, tangents = blocks
     scale = 1.0 / rate
     log_rate, inside, beyond = tables
@@ -306,59 +346,95 @@ def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, pixels, senso
     for i in range(begin, len(pixel)):
         at, wake, segment = whole[i, AT], whole[i, WAKE], whole[i, SEGMENT]
         quiet, used, counter = whole[i, QUIET], whole[i, USED], whole[i, COUNTER]
-        w, reference, level = real[i, OUTPUT], real[i, REFERENCE], real[i, LEVEL]
-        theta_on, theta_off = fixed[i, ON], fixed[i, OFF]
+        w, level, moved = real[i, OUTPUT], real[i, LEVEL], real[i, MOVED]
+        on_level, off_level = real[i, ON_LEVEL], real[i, OFF_LEVEL]
+        place = fixed[i, NODE]
+        slope = fixed[i, LEAK] + leaks[segment]
         z = store[i]
         end = first[segment + 1] - 1
-        upper = reference + theta_on
-        lower = reference - theta_off
         while at < stop - 1 and count < len(events):
             if used > DRAWS - MOST_DRAWS:
                 fill_draws(pixel[i], counter, key0, key1, words, z)
                 counter += DRAW_LANES
                 used = 0
+            if moved != 0.0 and (at >= end or at >= until[segment]):
+                w += moved
+                moved = 0.0
             if at >= end:
                 while at >= first[segment + 1] - 1:
                     segment += 1
-                moved = level
+                step = level
                 level = math.log(max(fixed[i, GAIN] * lux[segment] + fixed[i, DARK], lowest)) / rms
-                moved -= level
-                w += moved
-                reference += moved
-                upper = reference + theta_on
-                lower = reference - theta_off
+                step -= level
+                w += step
+                on_level += step
+                off_level += step
+                slope = fixed[i, LEAK] + leaks[segment]
                 end = first[segment + 1] - 1
-                quiet = at + settle
+                quiet = max(at, min(until[segment], end)) + settle
             event = 0
+            before = at
+            moves = at < until[segment]
+            last = min(end, until[segment], stop - 1) if moves else end
             if wake != NEVER:
-                target = min(wake, end)
-                keep = math.exp(-rate * (target - at))
+                at = min(wake, last)
+                keep = math.exp(-rate * (at - before))
                 w = keep * w + math.sqrt(1.0 - keep * keep) * np.float64(z[used])
                 used += 1
-                at = target
-            elif at >= quiet and table_holds(upper, lower):
-                gone, w, used = jump(upper, lower, end - at, log_rate, inside, beyond, z, used)
-                at += gone
-                event = event_at(w, upper, lower)
-            else:
-                most = min((end if at >= quiet else min(end, quiet)) - at, longest[i])
-                samples = choose_block(w, upper, lower, most, scale)
+                if moves:
+                    moved = between_nodes(moving[0], place, at - moving[3])
+            elif moves:
+                samples, upper, lower = block_under_moving_light(
+                    w, on_level, off_level, slope, min(last - at, longest[i], LONGEST_MOVING), scale, place, at, moving
+                )
                 gone, w, used = block(w, upper, lower, samples, rate, fades, spreads, tangents, z, used)
                 at += gone
-                event = event_at(w, upper, lower)
+                moved = between_nodes(moving[0], place, at - moving[3])
+                on_level -= slope * gone
+                off_level -= slope * gone
+                event = event_at(w + moved, on_level, off_level)
+            elif at >= quiet and abs(slope) <= _JUMP_DRIFT * rate and table_holds(on_level, off_level):
+                samples = last - at
+                if slope != 0.0:
+                    samples = max(min(samples, int(_JUMP_DRIFT / abs(slope))), 1)
+                half = 0.5 * slope * samples
+                gone, w, used, event = jump(
+                    on_level - half, off_level - half, samples, log_rate, inside, beyond, z, used
+                )
+                at += gone
+                on_level -= slope * gone
+                off_level -= slope * gone
+            else:
+                most = min((last if at >= quiet else min(last, quiet)) - at, longest[i])
+                samples = choose_block(w, on_level, off_level, most, scale)
+                if slope != 0.0:
+                    near = on_level - w if slope > 0.0 else w - off_level
+                    samples = max(min(samples, int((1.0 - _KEPT_DISTANCE) * near / abs(slope))), 1)
+                gone, w, used = block(
+                    w, on_level - max(slope, 0.0) * samples, off_level - min(slope, 0.0) * samples,
+                    samples, rate, fades, spreads, tangents, z, used,
+                )  # fmt: skip
+                at += gone
+                on_level -= slope * gone
+                off_level -= slope * gone
+                event = event_at(w, on_level, off_level)
             if event != 0:
                 events[count] = (at * pixels + rank[i]) * 2 + (event > 0)
                 count += 1
                 wake = at + dead[i]
             if at == wake:
                 wake = NEVER
-                reference = w
-                upper = reference + theta_on
-                lower = reference - theta_off
-                quiet = at + settle
+                memorised = w + moved
+                if reset > 0.0:
+                    memorised += reset * np.float64(z[used])
+                    used += 1
+                on_level = memorised + fixed[i, ON]
+                off_level = memorised - fixed[i, OFF]
+                quiet = max(at, min(until[segment], end)) + settle
         whole[i, AT], whole[i, WAKE], whole[i, SEGMENT] = at, wake, segment
         whole[i, QUIET], whole[i, USED], whole[i, COUNTER] = quiet, used, counter
-        real[i, OUTPUT], real[i, REFERENCE], real[i, LEVEL] = w, reference, level
+        real[i, OUTPUT], real[i, LEVEL], real[i, MOVED] = w, level, moved
+        real[i, ON_LEVEL], real[i, OFF_LEVEL] = on_level, off_level
         if at < stop - 1:
             return i, count
     return len(pixel), count

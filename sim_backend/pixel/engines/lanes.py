@@ -21,7 +21,18 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["GeneralLanes", "Grid", "Lanes", "LightStretch", "groups", "in_parts", "needs_general", "to_lanes"]
+__all__ = [
+    "GeneralLanes",
+    "Grid",
+    "Lanes",
+    "LightStretch",
+    "coefficients",
+    "groups",
+    "in_parts",
+    "needs_general",
+    "settled",
+    "to_lanes",
+]
 
 _ELEMENTARY_CHARGE_FA_S: Final = 1.602176634e-4
 #: Room for as many events as there can be in this many blocks; then the kernel hands over.
@@ -167,24 +178,13 @@ class GeneralLanes(_Group):
 
     def __init__(self, grid: Grid, chain: Chain, pixels: slice, start_lux: float, key: tuple[Any, Any]) -> None:
         super().__init__(grid, chain, pixels, key)
-        rho, sigma = _source_follower(grid, chain)
-        slow_rho = math.exp(-grid.dt_s / chain.slow_tau_s)
-        self.c = general_kernels.Coefficients(
-            rho=rho,
-            sigma=sigma,
-            slow_rho=slow_rho,
-            slow_sigma=chain.slow_rms * math.sqrt(1.0 - slow_rho**2),
-            high_rho=math.exp(-2.0 * math.pi * chain.high_pass_hz * grid.dt_s),
-            shot_fa=chain.shot_factor * _ELEMENTARY_CHARGE_FA_S / grid.dt_s,
-            receptor_per_fa=float(grid.ratio(chain.receptor_hz_per_fa)),
-            receptor_most=float(grid.ratio(chain.receptor_max_hz)),
-            euler=grid.euler,
-            dt_s=grid.dt_s,
-            lowest_fa=LOWEST_CURRENT_FA,
-            reset_rms=float(chain.reset_rms),
-        )
+        self.c = coefficients(grid, chain)
         self.leak = to_lanes(chain.leak_per_s[pixels], reference_kernels.LANES, 0.0)
-        self.kept = self._settled(grid, start_lux)
+        z = np.vstack(
+            [reference_kernels.start_normals(self.pixel, *key), general_kernels.start_normals(self.pixel, *key)]
+        )
+        current = self.current_fa(start_lux)
+        self.kept = settled(grid, self.c, current, z, self.at_light(current)).ravel()
         v, _, slow, memory = self.kept.reshape(4, -1)
         reset = chain.reset_rms * general_kernels.reset_normals(0, self.pixel, *key)
         self.memorise(v + slow - memory + reset)
@@ -204,28 +204,62 @@ class GeneralLanes(_Group):
 
     def at_light(self, current: Floats) -> tuple[Floats, Floats, Floats | float]:
         """Return for a photocurrent of each lane u, ratio of the photoreceptor, rms of the noise in a sample."""
-        c = self.c
-        return np.log(current), np.minimum(c.receptor_per_fa * current, c.receptor_most), c.sigma
+        return at_light(self.c, current)
 
-    def _settled(self, grid: Grid, lux: float) -> Floats:
-        """Return source follower, photoreceptor, slow noise and high-pass at their joint stationary law."""
-        c = self.c
-        current = self.current_fa(lux)
-        u, ratio, sigma = self.at_light(current)
-        shot = np.sqrt(c.shot_fa / current)
-        covariance = stationary_covariance(*_transition(c, grid.forget(ratio), shot, sigma))
-        z = np.vstack(
-            [
-                reference_kernels.start_normals(self.pixel, *self.key),
-                general_kernels.start_normals(self.pixel, *self.key),
-            ]
-        )
-        state = draw(covariance, z)
-        state[0] += u
-        state[1] += u
-        if c.high_rho < 1.0:
-            state[3] += u
-        return state.ravel()
+
+def coefficients(grid: Grid, chain: Chain) -> general_kernels.Coefficients:
+    """Return what the general kernel has in common for all pixels of a chain."""
+    rho, sigma = _source_follower(grid, chain)
+    slow_rho = math.exp(-grid.dt_s / chain.slow_tau_s)
+    return general_kernels.Coefficients(
+        rho=rho,
+        sigma=sigma,
+        slow_rho=slow_rho,
+        slow_sigma=chain.slow_rms * math.sqrt(1.0 - slow_rho**2),
+        high_rho=math.exp(-2.0 * math.pi * chain.high_pass_hz * grid.dt_s),
+        shot_fa=chain.shot_factor * _ELEMENTARY_CHARGE_FA_S / grid.dt_s,
+        receptor_per_fa=float(grid.ratio(chain.receptor_hz_per_fa)),
+        receptor_most=float(grid.ratio(chain.receptor_max_hz)),
+        euler=grid.euler,
+        dt_s=grid.dt_s,
+        lowest_fa=LOWEST_CURRENT_FA,
+        reset_rms=float(chain.reset_rms),
+    )
+
+
+def at_light(c: general_kernels.Coefficients, current_fa: Floats) -> tuple[Floats, Floats, Floats | float]:
+    """Return for a photocurrent, (n,), u, ratio of the photoreceptor, and rms of the noise in a sample."""
+    return np.log(current_fa), np.minimum(c.receptor_per_fa * current_fa, c.receptor_most), c.sigma
+
+
+def settled(
+    grid: Grid,
+    c: general_kernels.Coefficients,
+    current_fa: Floats,
+    z: Floats,
+    given: tuple[Floats, Floats, Floats | float] | None = None,
+) -> Floats:
+    """Return source follower, photoreceptor, slow noise and high-pass at their joint stationary law, (4, n).
+
+    Parameters
+    ----------
+    grid, c
+        Samples and coefficients.
+    current_fa
+        (n,) photocurrent.
+    z
+        (4, n) standard normal numbers.
+    given
+        What the photocurrent gives, where it is not :func:`at_light`.
+    """
+    u, ratio, sigma = given or at_light(c, current_fa)
+    covariance = stationary_covariance(*_transition(c, grid.forget(ratio), np.sqrt(c.shot_fa / current_fa), sigma))
+    state = draw(covariance, z)
+    state[0] += u
+    state[1] += u
+    if c.high_rho < 1.0:
+        state[3] += u
+    return state
 
 
 def _source_follower(grid: Grid, chain: Chain) -> tuple[float, float]:

@@ -22,6 +22,8 @@ from sim_backend.pixel.hooks import called, refused
 from sim_backend.pixel.philox import philox4x32, split_seed
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     import numpy.typing as npt
 
     from sim_backend.pixel.chain import Chain
@@ -30,8 +32,10 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Events = npt.NDArray[np.void]
     Batch = tuple[Events, float]
+    #: What the comparators find: events of :data:`TIMED_DTYPE`, and the time that nothing later is before, us.
+    Crossings = Iterator[Batch]
 
-__all__ = ["TIMED_DTYPE", "EventDraws", "Readout", "has_readout", "stamp"]
+__all__ = ["TIMED_DTYPE", "EventDraws", "Readout", "has_readout", "read_out", "together"]
 
 #: An event on its way: time in us, not yet rounded, column, row, polarity.
 TIMED_DTYPE: Final = np.dtype([("t_us", "<f8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
@@ -58,6 +62,26 @@ class _Stage(Protocol):
 def has_readout(chain: Chain) -> bool:
     """Return whether anything happens to an event after the comparators."""
     return chain.comparator_delay_s > 0.0 or len(_stages(chain, 0, 0.0)) > 0
+
+
+def read_out(chain: Chain, seed: int, duration_s: float, crossings: Crossings) -> Iterator[Events]:
+    """Yield what a recording has of the comparators' events: events of `EVENT_DTYPE`, in order of time and of pixel."""
+    if has_readout(chain):
+        readout = Readout(chain, seed, duration_s)
+        stamped = (readout.take(events, until_us) for events, until_us in crossings)
+    else:
+        stamped = (_stamp(events) for events, _ in crossings)
+    return (events for events in stamped if len(events))
+
+
+def together(streams: Sequence[Crossings]) -> Crossings:
+    """Yield the events of several groups of pixels as one stream, in order of time."""
+    held = _Held()
+    until_us = [-math.inf] * len(streams)
+    while min(until_us) < math.inf:
+        behind = int(np.argmin(until_us))
+        events, until_us[behind] = next(streams[behind])
+        yield held.release(events, min(until_us)), min(until_us)
 
 
 class Readout:
@@ -100,10 +124,10 @@ class Readout:
         t_us = events["t_us"]
         events = events[(t_us >= 0.0) & (t_us < self._duration_us)]
         events["t_us"] = np.rint(events["t_us"])
-        return stamp(self._rounded.release(events, np.rint(until_us)))
+        return _stamp(self._rounded.release(events, np.rint(until_us)))
 
 
-def stamp(events: Events) -> Events:
+def _stamp(events: Events) -> Events:
     """Return events as `EVENT_DTYPE`, in order of time, row and column."""
     stamped = np.empty(len(events), EVENT_DTYPE)
     stamped["t"] = np.rint(events["t_us"])

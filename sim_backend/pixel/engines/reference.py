@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from protocols.errors import InputError
-from sim_backend.pixel.engines.readout import TIMED_DTYPE, Readout, has_readout, stamp
+from sim_backend.pixel.engines.readout import TIMED_DTYPE, read_out
 from sim_backend.pixel.light_path import ChipLight
 from sim_backend.pixel.philox import split_seed
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from sim_backend.pixel.chain import Chain
     from sim_backend.pixel.engines.lanes import LightStretch
+    from sim_backend.pixel.engines.readout import Crossings
     from sim_backend.pixel.light import LightHistory
 
 __all__ = ["ReferenceEngine"]
@@ -100,10 +101,14 @@ class ReferenceEngine:
         InputError
             `dt_s` is too long for a corner (Euler form), or both light and chain have a rise time.
         """
-        samples = math.ceil(duration_s / self.dt_s - _TIE_SAMPLES)
+        return read_out(chain, seed, duration_s, self.crossings(chain, light, duration_s, seed))
+
+    def crossings(self, chain: Chain, light: LightHistory, duration_s: float, seed: int) -> Crossings:
+        """Yield what the comparators find, in stretches of time; parameters are those of :meth:`events`."""
+        samples = samples_before(duration_s, self.dt_s)
         self.rho(chain.corner_hz)
         self._check_receptor(chain)
-        return _Recording(self, chain, ChipLight(chain, light, self.dt_s, seed), seed, duration_s).stretches(samples)
+        return _Recording(self, chain, ChipLight(chain, light, self.dt_s, seed), seed).crossings(samples)
 
     def _check_receptor(self, chain: Chain) -> None:
         """Raise :class:`InputError` if the photoreceptor can get too fast for the Euler form."""
@@ -123,6 +128,11 @@ class ReferenceEngine:
         return 1.0 - ratio
 
 
+def samples_before(duration_s: float, dt_s: float) -> int:
+    """Return how many samples are before the end of a recording, with that at t = 0."""
+    return math.ceil(duration_s / dt_s - _TIE_SAMPLES)
+
+
 def processors() -> int:
     """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -133,7 +143,7 @@ def processors() -> int:
 class _Recording:
     """The pixels of one recording on their way through time."""
 
-    def __init__(self, engine: ReferenceEngine, chain: Chain, light: ChipLight, seed: int, duration_s: float) -> None:
+    def __init__(self, engine: ReferenceEngine, chain: Chain, light: ChipLight, seed: int) -> None:
         from sim_backend.pixel.engines import lanes, reference_kernels
 
         self._block: int = reference_kernels.BLOCK
@@ -142,19 +152,11 @@ class _Recording:
         self._sample_us = engine.dt_s * _US_PER_S
         self._chain = chain
         self._light = light
-        self._readout = Readout(chain, seed, duration_s) if has_readout(chain) else None
         key = tuple(np.uint32(word) for word in split_seed(seed))
         grid = lanes.Grid(engine.dt_s, engine.step == "euler")
         self._groups = lanes.groups(grid, chain, light.lux(0, 1)[0], (key[0], key[1]), engine.general)
 
-    def stretches(self, samples: int) -> Iterator[npt.NDArray[np.void]]:
-        """Yield the events of each stretch of time that has any."""
-        for events, until_us in self._detected(samples):
-            stamped = stamp(events) if self._readout is None else self._readout.take(events, until_us)
-            if len(stamped):
-                yield stamped
-
-    def _detected(self, samples: int) -> Iterator[tuple[npt.NDArray[np.void], float]]:
+    def crossings(self, samples: int) -> Crossings:
         """Yield what the comparators find in each stretch, and the time that nothing later is before, us."""
         length = self._block * math.ceil(self._engine.stretch_samples / self._block)
         threads = self._engine.threads or processors()

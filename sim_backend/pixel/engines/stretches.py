@@ -1,0 +1,98 @@
+"""Pixels that go through time on their own, side by side in threads, and their events in stretches of time."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Final, Protocol
+
+import numpy as np
+
+from sim_backend.pixel.engines.readout import TIMED_DTYPE
+from sim_backend.pixel.engines.reference import processors
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    from sim_backend.pixel.chain import Chain
+    from sim_backend.pixel.engines.readout import Crossings
+
+__all__ = ["Walk", "crossings", "places", "room_for"]
+
+_US_PER_S: Final = 1e6
+#: Pixels that one thread takes at a time, and room for their events until they are handed over.
+_PIXELS: Final = 256
+_ROOM: Final = 16384
+
+
+class Walk(Protocol):
+    """The pixels of one recording on their way through time."""
+
+    chain: Chain
+    dt_s: float
+    stretch_samples: int  #: events are gathered for so many samples before they are handed over
+    order: npt.NDArray[np.int64]  #: the pixels in the order in which events of one time are given
+
+    def prepare(self, first: int, stop: int) -> None:
+        """Get ready for a stretch of samples."""
+
+    def advance(self, pixels: slice, stop: int) -> npt.NDArray[np.int64]:
+        """Take some pixels to sample `stop` - 1 or beyond.
+
+        Returns
+        -------
+        Their events, ``(sample * number of all pixels + place in the order) * 2 + polarity``.
+        """
+
+
+def places(chain: Chain) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the pixels in the order in which events of one time are given, and the place of each in it."""
+    order = np.lexsort((chain.x, chain.y))
+    place = np.empty(chain.pixels, np.int64)
+    place[order] = np.arange(chain.pixels)
+    return order, place
+
+
+def room_for(pixels: int, run: Callable[[int, npt.NDArray[np.int64]], tuple[int, int]]) -> npt.NDArray[np.int64]:
+    """Call `run` with the pixel to go on with and room for events, until all pixels are through; return all events.
+
+    `run` returns the pixel to go on with and the number of events.
+    """
+    room = np.empty(_ROOM, np.int64)
+    parts = []
+    i = 0
+    while i < pixels:
+        i, count = run(i, room)
+        parts.append(room[:count].copy())
+    return np.concatenate(parts)
+
+
+def crossings(walk: Walk, samples: int, threads: int | None) -> Crossings:
+    """Yield the events of each stretch, and the time that nothing later is before, us."""
+    length = walk.stretch_samples
+    pixels = walk.chain.pixels
+    parts = [slice(i, min(i + _PIXELS, pixels)) for i in range(0, pixels, _PIXELS)]
+    early = np.empty(0, np.int64)  # events beyond the end of a stretch wait for theirs
+    with ThreadPoolExecutor(max(1, min(threads or processors(), len(parts)))) as pool:
+        for first in range(1, samples, length):
+            stop = min(first + length, samples)
+            walk.prepare(first, stop)
+            futures = [pool.submit(walk.advance, part, stop) for part in parts]
+            found = np.concatenate([early, *(future.result() for future in futures)])
+            found.sort()
+            due = int(np.searchsorted(found, stop * pixels * 2))
+            early = found[due:]
+            yield _as_events(walk, found[:due]), stop * walk.dt_s * _US_PER_S
+    yield np.empty(0, TIMED_DTYPE), math.inf
+
+
+def _as_events(walk: Walk, found: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
+    sample, place = np.divmod(found >> 1, walk.chain.pixels)
+    events = np.empty(len(found), TIMED_DTYPE)
+    events["t_us"] = sample * (walk.dt_s * _US_PER_S)
+    events["x"] = walk.chain.x[walk.order][place]
+    events["y"] = walk.chain.y[walk.order][place]
+    events["p"] = found & 1
+    return events
