@@ -4,8 +4,8 @@ Numba's cache looks only at the file that holds a function: when a helper in ano
 code of its caller would go on being used, silently. So the cache folder carries a hash of **all** files with
 kernels (every file named ``*kernels.py`` in this distribution), and a change in any of them starts an empty one.
 
-Import `njit` and `prange` from here, in files named ``*kernels.py`` only, and import those files lazily: a command
-that computes nothing must not pay for numba.
+Import `njit`, `prange` and `cfunc` from here, in files named ``*kernels.py`` only, and import those files lazily: a
+command that computes nothing must not pay for numba.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-__all__ = ["CACHE_FOLDER", "kernel_files", "kernel_hash", "njit", "prange"]
+__all__ = ["CACHE_FOLDER", "cfunc", "kernel_files", "kernel_hash", "njit", "prange"]
 
 _PACKAGES: Final = ("drivers", "sim_backend", "bench")
 
@@ -62,7 +62,7 @@ CACHE_FOLDER: Final = _base() / "kernels" / kernel_hash(_ROOT)
 
 os.environ["NUMBA_CACHE_DIR"] = str(CACHE_FOLDER)
 
+from numba import cfunc, njit, prange  # noqa: E402
 from numba import config as _config  # noqa: E402
-from numba import njit, prange  # noqa: E402
 
 _config.CACHE_DIR = str(CACHE_FOLDER)  # type: ignore[attr-defined]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from bench.commands.common import json_option, print_json, station_option
+from bench.commands.common import effects_option, json_option, print_json, station_option
 
 __all__ = ["command"]
 
@@ -12,6 +12,7 @@ __all__ = ["command"]
 @click.command(name="check")
 @click.argument("protocol")
 @station_option
+@effects_option
 @json_option
 def command(protocol: str, station: str, as_json: bool) -> int:
     """Look PROTOCOL over: limits of the station, warnings, time and size.

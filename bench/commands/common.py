@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SEED",
+    "effects_option",
     "interactive",
     "json_option",
     "print_json",
@@ -30,6 +31,23 @@ SEED = click.IntRange(0, 2**63 - 1)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table.")
 station_option = click.option(
     "--station", default="simulated", show_default=True, metavar="S", help="A shipped station, or a station file."
+)
+
+
+def _load_effects(ctx: click.Context, _param: click.Parameter, files: tuple[str, ...]) -> None:
+    if files and not ctx.resilient_parsing:
+        from bench.models.effect_sources import load_effect_files
+
+        load_effect_files(files)
+
+
+effects_option = click.option(
+    "--effects",
+    multiple=True,
+    metavar="FILE",
+    expose_value=False,
+    callback=_load_effects,
+    help="A Python file with an effect of your own; it is run. Can be given several times.",
 )
 
 results_option = click.option(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import click
 
-from bench.commands.common import json_option, print_json, print_table, station_option
+from bench.commands.common import effects_option, json_option, print_json, print_table, station_option
 
 __all__ = ["command"]
 
 
 @click.command(name="devices")
 @station_option
+@effects_option
 @json_option
 def command(station: str, as_json: bool) -> None:
     """Connect to every device of a station, and say who answers. Nothing is lit."""

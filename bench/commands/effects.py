@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bench.commands.common import json_option, print_json, print_table
+from bench.commands.common import effects_option, json_option, print_json, print_table
 
 if TYPE_CHECKING:
     from bench.models.effects import EffectDescription, Parameter
@@ -17,6 +17,7 @@ __all__ = ["command"]
 
 @click.command(name="effects")
 @click.argument("name", required=False)
+@effects_option
 @json_option
 def command(name: str | None, as_json: bool) -> None:
     """List the physical effects that a pixel model may have, or explain the effect NAME."""
@@ -40,9 +41,15 @@ def _explain(effect: EffectDescription, as_json: bool) -> None:
     if as_json:
         print_json({"format": "evs-bench-effect/1", **_as_dict(effect)})
         return
-    click.echo(f"{effect.id}, stage: {effect.stage}\n\n{effect.text}\n\nFirst sign: {effect.sign}\n")
+    click.echo(
+        f"{effect.id}, stage: {effect.stage}, {_origin(effect)}\n\n{effect.text}\n\nFirst sign: {effect.sign}\n"
+    )
     header = ("parameter", "unit", "lowest", "highest", "default", "null", "meaning")
     print_table(header, [_row(parameter) for parameter in effect.parameters])
+
+
+def _origin(effect: EffectDescription) -> str:
+    return effect.source if effect.source == "built in" else f"from {effect.source}"
 
 
 def _row(p: Parameter) -> tuple[str, ...]:
@@ -55,6 +62,7 @@ def _as_dict(effect: EffectDescription) -> dict[str, Any]:
     return {
         "id": effect.id,
         "stage": effect.stage,
+        "source": effect.source,
         "summary": effect.summary,
         "text": effect.text,
         "sign": effect.sign,

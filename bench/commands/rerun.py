@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import json_option
+from bench.commands.common import effects_option, json_option
 from bench.commands.running import (
     OperatorSteps,
     operator_option,
@@ -22,6 +22,7 @@ __all__ = ["command"]
 @click.command(name="rerun")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to make; default is runs/ID.")
+@effects_option
 @workforce_options
 @operator_option
 @json_option

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import json_option
+from bench.commands.common import effects_option, json_option
 from bench.commands.running import (
     OperatorSteps,
     operator_option,
@@ -21,6 +21,7 @@ __all__ = ["command"]
 
 @click.command(name="resume")
 @click.argument("run", type=click.Path(path_type=Path))
+@effects_option
 @workforce_options
 @operator_option
 @json_option

@@ -50,7 +50,7 @@ class ClusterExecutor(Executor):
     """
 
     def __init__(
-        self, address: str, setup: Callable[[], None] | None = None, tell: Callable[[str], None] | None = None
+        self, address: str, setup: Callable[[], object] | None = None, tell: Callable[[str], None] | None = None
     ) -> None:
         super().__init__(setup, tell)
         same = functools.partial(require_same_software, software())

@@ -69,7 +69,7 @@ class Executor(ABC):
         Called with a line for the operator when a worker was lost.
     """
 
-    def __init__(self, setup: Callable[[], None] | None = None, tell: Callable[[str], None] | None = None) -> None:
+    def __init__(self, setup: Callable[[], object] | None = None, tell: Callable[[str], None] | None = None) -> None:
         self._setup = Setup(uuid.uuid4().hex, () if setup is None else (setup,))
         self._tell = tell or (lambda _: None)
 

@@ -65,7 +65,7 @@ class LocalExecutor(Executor):
     """
 
     def __init__(
-        self, workers: int, setup: Callable[[], None] | None = None, tell: Callable[[str], None] | None = None
+        self, workers: int, setup: Callable[[], object] | None = None, tell: Callable[[str], None] | None = None
     ) -> None:
         if workers < 1:
             raise ComputeError(f"{workers} workers; expected 1 or more")

@@ -19,7 +19,7 @@ class Workforce:
 
     workers: int = 1  #: processes on this machine; 1 is this process
     cluster: str | None = None  #: address of a dask scheduler, instead
-    setup: Callable[[], None] | None = None
+    setup: Callable[[], object] | None = None
     """What each worker does once before its first item, e.g. loading a user's own effects; it is pickled."""
 
     @property

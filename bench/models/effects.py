@@ -6,7 +6,7 @@ import inspect
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sim_backend.pixel.effects import STAGES, effect_class, effects
+from sim_backend.pixel.effects import STAGES, effect_class, effect_source, effects
 from sim_backend.pixel.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ class EffectDescription:
     text: str  #: equation and source, several lines
     sign: str  #: what it does to what can be measured
     parameters: tuple[Parameter, ...]
+    source: str  #: "built in", or the file or package that it comes from
 
 
 def describe(effect_id: str) -> EffectDescription:
@@ -39,13 +40,14 @@ def describe(effect_id: str) -> EffectDescription:
 
 
 def described_effects() -> tuple[EffectDescription, ...]:
-    """Return all known effects, plug-ins included, in the order in which a signal passes them."""
+    """Return all known effects in the order in which a signal passes them; those of plug-ins and of files too."""
     found = sorted(effects().values(), key=lambda effect: STAGES.index(effect.stage))
     return tuple(_described(effect) for effect in found)
 
 
 def _described(effect: type[Effect]) -> EffectDescription:
     text = inspect.getdoc(effect) or ""
+    source = effect_source(effect.id)
     return EffectDescription(
         id=effect.id,
         stage=effect.stage,
@@ -53,4 +55,5 @@ def _described(effect: type[Effect]) -> EffectDescription:
         text=text,
         sign=effect.sign,
         parameters=effect.parameters(),
+        source="built in" if source is None else source.package or source.name,
     )

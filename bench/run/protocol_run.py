@@ -86,6 +86,8 @@ def rerun(
     ------
     RunError
         If the run does not say how it was taken, as one that was imported.
+    InputError
+        If it was taken with effects of a user's own files, and these are not loaded, or are others.
     """
     header, again, station = read_task(folder)
     name = header.id.partition("Z-")[2] or header.id
@@ -108,7 +110,10 @@ def read_task(folder: Path) -> tuple[RunHeader, Protocol, Station]:
     ------
     RunError
         If the run does not say how it was taken.
+    InputError
+        If it was taken with effects of a user's own files, and these are not loaded, or are others.
     """
+    from bench.models.effect_sources import require_sources
     from bench.station import station_from
     from protocols.schema import Protocol
 
@@ -119,6 +124,7 @@ def read_task(folder: Path) -> tuple[RunHeader, Protocol, Station]:
         again = Protocol.model_validate(protocol)
     except ValidationError as error:
         raise RunError(f"{where}: the protocol in it is none that this version reads: {_first(error)}") from error
+    require_sources(_effects_of(header.everything), where)
     return header, again, station_from(station, str(where))
 
 
@@ -127,6 +133,12 @@ def _part(everything: dict[str, Any], key: str, where: Path) -> dict[str, Any]:
     if not isinstance(part, dict) or not part:
         raise RunError(f"{where}: no {key} is written in it, so it cannot be taken again")
     return part
+
+
+def _effects_of(everything: dict[str, Any]) -> object:
+    """Return what the run says of effects that are not built in."""
+    software = everything.get("software")
+    return software.get("effects") if isinstance(software, dict) else None
 
 
 def _first(error: ValidationError) -> str:

@@ -244,5 +244,13 @@ def _header(task: Task, station: Station, run_id: str, roi: Roi) -> dict[str, An
         "protocol": task.protocol,
         "protocol_text": task.protocol_text,
         "station": station.resolved,
-        "software": software_versions(),
+        "software": _software(station),
     }
+
+
+def _software(station: Station) -> dict[str, Any]:
+    """Return the versions, and where effects came from that the station names and that are not built in."""
+    from bench.models.effect_sources import sources_in_use
+
+    sources = sources_in_use(station.resolved)
+    return {**software_versions(), **({"effects": sources} if sources else {})}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from sim_backend.pixel.hooks import Hooks, with_hooks
 from sim_backend.pixel.philox import normals, uniforms
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ class Chain:
     - Refractory: then the pixel is blind for `refractory_s`, is reset, and goes on.
     - Readout: Poisson events of hot pixels; copies into neighbours; one server with a queue; jitter of the stamps;
       sorting; trail filter; rate limit.
+
+    Functions of effects act at the end of their stage: `hooks`.
     """
 
     x: npt.NDArray[np.uint16]  #: (n,) column on the sensor
@@ -85,6 +88,7 @@ class Chain:
     trail_s: float = 0.0  #: time without an event after which a run of one polarity is over, s
     limit_eps: float = math.inf  #: events per second that pass the rate limit
     limit_period_s: float = 2e-4  #: period in which the rate limit counts, s
+    hooks: Hooks = field(default_factory=Hooks)  #: what numbers cannot say
 
     @property
     def pixels(self) -> int:
@@ -152,4 +156,5 @@ def build_chain(model: PixelModel, roi: Roi, sensor_seed: int) -> Chain:
     draws = PixelDraws(x, y, sensor_seed)
     for effect in model.effects:
         chain = effect.apply(chain, draws)
+        chain = replace(chain, hooks=with_hooks(chain.hooks, effect))
     return chain

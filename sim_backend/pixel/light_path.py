@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from protocols.errors import InputError
+from sim_backend.pixel.hooks import called, refused
 from sim_backend.pixel.light import LightHistory, LightSampler
 from sim_backend.pixel.philox import uniforms
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sim_backend.pixel.chain import Chain
+    from sim_backend.pixel.hooks import Hook
 
 __all__ = ["ChipLight", "commanded_light"]
 
@@ -25,7 +27,7 @@ class ChipLight:
     """The illuminance on the chip at the times ``n dt``, with everything that the chain does to it.
 
     In this order: commanded level with the error of its contrast, rise time, drift, flicker, error of the ND filter;
-    then light of the room and stray light, which none of these changes.
+    then light of the room and stray light, which none of these changes; then the functions of effects.
 
     Parameters
     ----------
@@ -57,12 +59,15 @@ class ChipLight:
 
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
-        lux = self._sampler.lux(start, stop)
+        lux: npt.NDArray[np.float64] = self._sampler.lux(start, stop)
         factor = self._factor(start, stop)
         if factor is not None:
             room = self._room_lux[self._sampler.segments(start, stop)]
-            lux = np.where(lux > room, lux - room, 0.0) * factor + room
-        return lux + self._chain.stray_lux
+            lux = np.asarray(np.where(lux > room, lux - room, 0.0) * factor + room)
+        lux = np.asarray(lux + self._chain.stray_lux)
+        for hook in self._chain.hooks.light:
+            lux = _lux_by(hook, lux, np.asarray(np.arange(start, stop) * self._dt_s, np.float64))
+        return lux
 
     @property
     def first(self) -> npt.NDArray[np.int64]:
@@ -91,7 +96,7 @@ class ChipLight:
     def _factor(self, start: int, stop: int) -> npt.NDArray[np.float64] | None:
         """Return what source and filter make of the source's light; None: they leave it as it is."""
         chain = self._chain
-        if not moves(chain):
+        if not _has_factor(chain):
             return None
         t_s = np.arange(start, stop) * self._dt_s
         turns = np.remainder(chain.flicker_hz * t_s, 1.0)
@@ -102,7 +107,22 @@ class ChipLight:
 
 def moves(chain: Chain) -> bool:
     """Return whether source or filter make other light of the commanded one, beyond contrast and rise time."""
+    return _has_factor(chain) or len(chain.hooks.light) > 0
+
+
+def _has_factor(chain: Chain) -> bool:
     return not chain.drift_per_s == chain.flicker_depth == chain.nd_error_od == 0.0
+
+
+def _lux_by(hook: Hook, lux: npt.NDArray[np.float64], t_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return what the light hook of an effect makes of the light."""
+    made = np.asarray(called(hook, lux.copy(), t_s))
+    if made.shape != lux.shape or made.dtype.kind not in "fiu":
+        raise refused(hook, f"an array of {made.dtype}, shape {made.shape}", f"numbers of lux, shape {lux.shape}")
+    bad = ~((made >= 0.0) & (made < np.inf))
+    if np.any(bad):
+        raise refused(hook, f"{made[bad][0]:g} lux at {t_s[bad][0]:g} s", "0 lux or more")
+    return made.astype(np.float64)
 
 
 def commanded_light(chain: Chain, light: LightHistory) -> LightHistory:

@@ -1,8 +1,8 @@
 """Every command and every Python block in README and docs does what it says.
 
 Blocks fenced as ``sh`` are run line by line, in one temporary folder for each document; blocks fenced as ``python``
-are run in the same folder, and blocks that begin with ``# file: NAME`` are written into it. Lines that set up a
-machine (make, pip, git, an environment) are left to the CI script, which runs them from a fresh clone.
+are run in the same folder, and blocks that begin with ``# file: NAME``, Python or not, are written into it. Lines
+that set up a machine (make, pip, git, an environment) are left to the CI script, which runs them from a fresh clone.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ def run_line(line: str, folder: Path) -> None:
 @pytest.mark.parametrize("document", [d for d in DOCUMENTS if blocks(d)], ids=lambda d: str(d.relative_to(ROOT)))
 def test_every_block_runs(document: Path, tmp_path: Path) -> None:
     for language, text in blocks(document):
+        if named := NAMED.match(text):
+            (tmp_path / named[1]).write_text(text)
+            continue
         if language == "python":
             script = tmp_path / "block.py"
             script.write_text(text)
             run_line(f"{shlex.quote(sys.executable)} -W error {script}", tmp_path)
-            continue
-        if named := NAMED.match(text):
-            (tmp_path / named[1]).write_text(text)
             continue
         for line in filter(str.strip, text.splitlines()):
             if not line.startswith("#") and not SET_UP.match(line):

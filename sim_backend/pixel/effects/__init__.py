@@ -21,13 +21,22 @@ from sim_backend.pixel.effects.parasitic_photocurrent import ParasiticPhotocurre
 from sim_backend.pixel.effects.photoreceptor_bandwidth import PhotoreceptorBandwidth
 from sim_backend.pixel.effects.readout_saturation import ReadoutSaturation
 from sim_backend.pixel.effects.refractory_mismatch import RefractoryMismatch
-from sim_backend.pixel.effects.registry import effect_class, effect_from_dict, effects
+from sim_backend.pixel.effects.registry import (
+    effect_class,
+    effect_from_dict,
+    effect_source,
+    effects,
+    forget_effect_files,
+    load_effect_files,
+    loaded_effect_files,
+)
 from sim_backend.pixel.effects.reset_noise import ResetNoise
 from sim_backend.pixel.effects.shot_noise import ShotNoise
 from sim_backend.pixel.effects.stray_light import StrayLight
 from sim_backend.pixel.effects.threshold_mismatch import ThresholdMismatch
 from sim_backend.pixel.effects.timestamp_jitter import TimestampJitter
 from sim_backend.pixel.effects.trail_filter import TrailFilter
+from sim_backend.pixel.effects.user_file import EffectSource
 
 __all__ = [
     "STAGES",
@@ -36,6 +45,7 @@ __all__ = [
     "Crosstalk",
     "DarkCurrent",
     "Effect",
+    "EffectSource",
     "EventRateLimit",
     "HighPass",
     "HotPixels",
@@ -59,5 +69,9 @@ __all__ = [
     "TrailFilter",
     "effect_class",
     "effect_from_dict",
+    "effect_source",
     "effects",
+    "forget_effect_files",
+    "load_effect_files",
+    "loaded_effect_files",
 ]

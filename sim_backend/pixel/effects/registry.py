@@ -1,9 +1,12 @@
-"""Effects by id: those that are shipped, and those of installed plug-ins."""
+"""Effects by id: those that are shipped, those of installed plug-ins, and those of files that a user named."""
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from protocols.errors import InputError
@@ -32,12 +35,24 @@ from sim_backend.pixel.effects.stray_light import StrayLight
 from sim_backend.pixel.effects.threshold_mismatch import ThresholdMismatch
 from sim_backend.pixel.effects.timestamp_jitter import TimestampJitter
 from sim_backend.pixel.effects.trail_filter import TrailFilter
+from sim_backend.pixel.effects.user_file import EffectSource, check_effect_class, read_effect_file
 from sim_backend.pixel.parameters import refuse_unknown, unknown_name
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    import os
+    from collections.abc import Iterable, Mapping
+    from importlib.metadata import EntryPoint
 
-__all__ = ["GROUP", "effect_class", "effect_from_dict", "effects"]
+__all__ = [
+    "GROUP",
+    "effect_class",
+    "effect_from_dict",
+    "effect_source",
+    "effects",
+    "forget_effect_files",
+    "load_effect_files",
+    "loaded_effect_files",
+]
 
 #: Entry-point group of effects that other distributions bring.
 GROUP: Final = "evs_bench.effects"
@@ -71,24 +86,102 @@ _SHIPPED: Final[tuple[type[Effect], ...]] = (
 )
 
 
-@cache
+#: Files that were loaded, by their full path.
+_FILES: Final[dict[Path, EffectSource]] = {}
+
+
 def effects() -> dict[str, type[Effect]]:
     """Return all known effects by id.
 
     Raises
     ------
     InputError
-        A plug-in brings something that is no effect, or an id that is taken.
+        A plug-in cannot be imported, brings something that is no effect, or an id that is taken.
     """
-    known: dict[str, type[Effect]] = {e.id: e for e in _SHIPPED}
+    sources = (*_plug_ins(), *_FILES.values())
+    return {cls.id: cls for cls in (*_SHIPPED, *(cls for source in sources for cls in source.classes))}
+
+
+def load_effect_files(paths: Iterable[str | os.PathLike[str]]) -> tuple[EffectSource, ...]:
+    """Make the effects of a user's own files known, and return what was found in them.
+
+    A file that is loaded already is left alone; one that has changed since takes the place of what it was. A process
+    that is spawned knows none of them: call this there with each `path` of :func:`loaded_effect_files`.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used, or an id is taken; one line with file and line. Earlier files stay loaded.
+    """
+    return tuple(_load(path) for path in paths)
+
+
+def loaded_effect_files() -> tuple[EffectSource, ...]:
+    """Return the files that are loaded, in the order in which they were."""
+    return tuple(_FILES.values())
+
+
+def forget_effect_files() -> None:
+    """Make the effects of all files unknown again; models that have them keep them."""
+    _FILES.clear()
+
+
+def effect_source(effect_id: str) -> EffectSource | None:
+    """Return where the effect of that id came from; None if it is built in, or there is none."""
+    return next((s for s in (*_plug_ins(), *_FILES.values()) if effect_id in s.ids), None)
+
+
+def _load(path: str | os.PathLike[str]) -> EffectSource:
+    where = Path(path).resolve()
+    loaded = _FILES.get(where)
+    if loaded is not None and where.is_file() and _sha256(where) == loaded.sha256:
+        return loaded
+    found = read_effect_file(path)
+    others = {c.id: f"of {s.name}" for key, s in _FILES.items() if key != where for c in s.classes}
+    others |= {c.id: f"of {s.package}" for s in _plug_ins() for c in s.classes}
+    others |= {c.id: "built in" for c in _SHIPPED}
+    _refuse_taken(f"{path}", found.ids, others)
+    _FILES[where] = found
+    return found
+
+
+def _refuse_taken(owner: str, ids: Iterable[str], others: Mapping[str, str]) -> None:
+    taken = dict(others)
+    for effect_id in ids:
+        if effect_id in taken:
+            raise InputError(f"{owner}: the id {effect_id} is taken ({taken[effect_id]}); choose another")
+        taken[effect_id] = "twice in it"
+
+
+@cache
+def _plug_ins() -> tuple[EffectSource, ...]:
+    """Return the effects of installed plug-ins."""
+    taken = {cls.id: "built in" for cls in _SHIPPED}
+    found = []
     for point in entry_points(group=GROUP):
-        found = point.load()
-        if not (isinstance(found, type) and issubclass(found, Effect)):
-            raise InputError(f"plug-in {point.name} ({point.value}): expected a class derived from Effect")
-        if found.id in known:
-            raise InputError(f"plug-in {point.name} ({point.value}): the id {found.id} is taken; choose another")
-        known[found.id] = found
-    return known
+        source = _plug_in(point)
+        _refuse_taken(f"plug-in {point.name} ({point.value})", source.ids, taken)
+        taken |= dict.fromkeys(source.ids, f"of {source.package}")
+        found.append(source)
+    return tuple(found)
+
+
+def _plug_in(point: EntryPoint) -> EffectSource:
+    owner = f"plug-in {point.name} ({point.value})"
+    try:
+        cls = point.load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"{owner}: cannot be imported: {error}") from error
+    if not (isinstance(cls, type) and issubclass(cls, Effect)):
+        raise InputError(f"{owner}: expected a class derived from Effect")
+    check_effect_class(cls, owner)
+    file = inspect.getsourcefile(cls)
+    package = f"{point.dist.name} {point.dist.version}" if point.dist else point.value.partition(":")[0]
+    return EffectSource(point.name, "entry point", _sha256(Path(file)) if file else "", (cls,), package)
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def effect_class(effect_id: str) -> type[Effect]:
@@ -101,7 +194,8 @@ def effect_class(effect_id: str) -> type[Effect]:
     """
     known = effects()
     if effect_id not in known:
-        raise InputError(unknown_name("effect", effect_id, known))
+        own = "; an effect of your own is known once its file is named with --effects"
+        raise InputError(unknown_name("effect", effect_id, known) + own)
     return known[effect_id]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from protocols.errors import InputError
 from sim_backend.pixel.engines.readout import read_out, together
 from sim_backend.pixel.engines.reference import ReferenceEngine, samples_before
+from sim_backend.pixel.hooks import has_hooks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,7 +35,7 @@ def is_faster(chain: Chain, dt_s: float) -> npt.NDArray[np.bool_]:
     Without noise it is not. Nor is it for a pixel that has an event every few hundred samples: its two thresholds less
     than 8 rms apart, and few samples in a time constant.
     """
-    if chain.high_pass_hz > 0.0:
+    if chain.high_pass_hz > 0.0 or has_hooks(chain):
         return np.zeros(chain.pixels, np.bool_)
     if _has_more_than_one_pole(chain):
         return np.full(chain.pixels, chain.drift_per_s == chain.flicker_depth == 0.0)

@@ -13,13 +13,26 @@ from sim_backend.pixel.engines import general_kernels, reference_kernels
 from sim_backend.pixel.engines.stationary import draw, stationary_covariance
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy.typing as npt
 
     from sim_backend.pixel.chain import Chain
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Grid", "Lanes", "LightStretch", "coefficients", "groups", "needs_general", "settled"]
+__all__ = [
+    "GeneralLanes",
+    "Grid",
+    "Lanes",
+    "LightStretch",
+    "coefficients",
+    "groups",
+    "in_parts",
+    "needs_general",
+    "settled",
+    "to_lanes",
+]
 
 _ELEMENTARY_CHARGE_FA_S: Final = 1.602176634e-4
 #: Room for as many events as there can be in this many blocks; then the kernel hands over.
@@ -79,7 +92,7 @@ def groups(grid: Grid, chain: Chain, start_lux: float, key: tuple[Any, Any], gen
     general
         Take the general kernel even if the plain one would do.
     """
-    kind = _GeneralLanes if general or needs_general(chain) else _PlainLanes
+    kind = _kind(chain, general)
     lanes = reference_kernels.LANES
     return [
         kind(grid, chain, slice(i, min(i + lanes, chain.pixels)), start_lux, key)
@@ -87,10 +100,19 @@ def groups(grid: Grid, chain: Chain, start_lux: float, key: tuple[Any, Any], gen
     ]
 
 
+def _kind(chain: Chain, general: bool) -> Callable[[Grid, Chain, slice, float, tuple[Any, Any]], Lanes]:
+    if chain.hooks.compiled:
+        from sim_backend.pixel.engines.hooked_lanes import HookedLanes
+
+        return HookedLanes
+    return GeneralLanes if general or needs_general(chain) else _PlainLanes
+
+
 def needs_general(chain: Chain) -> bool:
     """Return whether a pixel has more than one low-pass, light-independent noise and constant thresholds."""
     return (
-        chain.shot_factor > 0.0
+        chain.hooks.compiled
+        or chain.shot_factor > 0.0
         or math.isfinite(min(chain.receptor_hz_per_fa, chain.receptor_max_hz))
         or chain.slow_rms > 0.0
         or chain.high_pass_hz > 0.0
@@ -107,13 +129,13 @@ class _Group:
         lanes = reference_kernels.LANES
         self.pixels = pixels
         self.key = key
-        self.pixel = _to_lanes(pixel_ids(chain.x[pixels], chain.y[pixels]), lanes, 0)
-        self.gain = _to_lanes(chain.gain_fa_per_lux[pixels], lanes, 1.0)
-        self.dark = _to_lanes(chain.dark_fa[pixels], lanes, 1.0)
-        self.on = _to_lanes(chain.theta_on[pixels] + chain.injection_ln, lanes, np.inf)
-        self.off = _to_lanes(chain.theta_off[pixels] - chain.injection_ln, lanes, np.inf)
+        self.pixel = to_lanes(pixel_ids(chain.x[pixels], chain.y[pixels]), lanes, 0)
+        self.gain = to_lanes(chain.gain_fa_per_lux[pixels], lanes, 1.0)
+        self.dark = to_lanes(chain.dark_fa[pixels], lanes, 1.0)
+        self.on = to_lanes(chain.theta_on[pixels] + chain.injection_ln, lanes, np.inf)
+        self.off = to_lanes(chain.theta_off[pixels] - chain.injection_ln, lanes, np.inf)
         self.fixed = np.stack([self.gain, self.dark, self.on, self.off])
-        dead_s = _to_lanes(chain.refractory_s[pixels] + chain.comparator_delay_s, lanes, 0.0)
+        dead_s = to_lanes(chain.refractory_s[pixels] + chain.comparator_delay_s, lanes, 0.0)
         self.dead = np.rint(dead_s / grid.dt_s).astype(np.int64)
         self.wake = np.full(lanes, reference_kernels.NEVER, np.int64)
         self.levels = np.empty(2 * lanes)
@@ -148,21 +170,22 @@ class _PlainLanes(_Group):
             )  # fmt: skip
             return found
 
-        return _in_parts(light, run)
+        return in_parts(light, run)
 
 
-class _GeneralLanes(_Group):
+class GeneralLanes(_Group):
     """Shot noise, photoreceptor, slow noise, high-pass, leaks, noise of resets."""
 
     def __init__(self, grid: Grid, chain: Chain, pixels: slice, start_lux: float, key: tuple[Any, Any]) -> None:
         super().__init__(grid, chain, pixels, key)
-        self._c = coefficients(grid, chain)
-        self._leak = _to_lanes(chain.leak_per_s[pixels], reference_kernels.LANES, 0.0)
+        self.c = coefficients(grid, chain)
+        self.leak = to_lanes(chain.leak_per_s[pixels], reference_kernels.LANES, 0.0)
         z = np.vstack(
             [reference_kernels.start_normals(self.pixel, *key), general_kernels.start_normals(self.pixel, *key)]
         )
-        self._kept = settled(grid, self._c, self.current_fa(start_lux), z).ravel()
-        v, _, slow, memory = self._kept.reshape(4, -1)
+        current = self.current_fa(start_lux)
+        self.kept = settled(grid, self.c, current, z, self.at_light(current)).ravel()
+        v, _, slow, memory = self.kept.reshape(4, -1)
         reset = chain.reset_rms * general_kernels.reset_normals(0, self.pixel, *key)
         self.memorise(v + slow - memory + reset)
 
@@ -172,12 +195,16 @@ class _GeneralLanes(_Group):
         def run(n: int, skip: int, room: npt.NDArray[np.int64]) -> tuple[int, int]:
             found: tuple[int, int] = general_kernels.run_group(
                 n, light.stop, light.lux[skip:], light.steady[skip // reference_kernels.BLOCK :], light.leaked[skip:],
-                self._c, *self.key, self.fixed, self._leak, self.dead, self.pixel, self._kept, self.levels, self.wake,
+                self.c, *self.key, self.fixed, self.leak, self.dead, self.pixel, self.kept, self.levels, self.wake,
                 room,
             )  # fmt: skip
             return found
 
-        return _in_parts(light, run)
+        return in_parts(light, run)
+
+    def at_light(self, current: Floats) -> tuple[Floats, Floats, Floats | float]:
+        """Return for a photocurrent of each lane u, ratio of the photoreceptor, rms of the noise in a sample."""
+        return at_light(self.c, current)
 
 
 def coefficients(grid: Grid, chain: Chain) -> general_kernels.Coefficients:
@@ -200,7 +227,18 @@ def coefficients(grid: Grid, chain: Chain) -> general_kernels.Coefficients:
     )
 
 
-def settled(grid: Grid, c: general_kernels.Coefficients, current_fa: Floats, z: Floats) -> Floats:
+def at_light(c: general_kernels.Coefficients, current_fa: Floats) -> tuple[Floats, Floats, Floats | float]:
+    """Return for a photocurrent, (n,), u, ratio of the photoreceptor, and rms of the noise in a sample."""
+    return np.log(current_fa), np.minimum(c.receptor_per_fa * current_fa, c.receptor_most), c.sigma
+
+
+def settled(
+    grid: Grid,
+    c: general_kernels.Coefficients,
+    current_fa: Floats,
+    z: Floats,
+    given: tuple[Floats, Floats, Floats | float] | None = None,
+) -> Floats:
     """Return source follower, photoreceptor, slow noise and high-pass at their joint stationary law, (4, n).
 
     Parameters
@@ -211,11 +249,12 @@ def settled(grid: Grid, c: general_kernels.Coefficients, current_fa: Floats, z: 
         (n,) photocurrent.
     z
         (4, n) standard normal numbers.
+    given
+        What the photocurrent gives, where it is not :func:`at_light`.
     """
-    forget = grid.forget(np.minimum(c.receptor_per_fa * current_fa, c.receptor_most))
-    covariance = stationary_covariance(*_transition(c, forget, np.sqrt(c.shot_fa / current_fa)))
+    u, ratio, sigma = given or at_light(c, current_fa)
+    covariance = stationary_covariance(*_transition(c, grid.forget(ratio), np.sqrt(c.shot_fa / current_fa), sigma))
     state = draw(covariance, z)
-    u = np.log(current_fa)
     state[0] += u
     state[1] += u
     if c.high_rho < 1.0:
@@ -230,7 +269,9 @@ def _source_follower(grid: Grid, chain: Chain) -> tuple[float, float]:
     return rho, chain.noise_rms * math.sqrt(1.0 - rho**2)
 
 
-def _transition(c: general_kernels.Coefficients, forget: Floats, shot: Floats) -> tuple[Floats, Floats]:
+def _transition(
+    c: general_kernels.Coefficients, forget: Floats, shot: Floats, sigma: Floats | float
+) -> tuple[Floats, Floats]:
     """Return A (n, 4, 4) and B (n, 4, 3) of ``x <- A x + B z``, apart from the level.
 
     x is source follower, photoreceptor, slow noise and memory of the high-pass; z is shot noise, noise of the source
@@ -243,7 +284,7 @@ def _transition(c: general_kernels.Coefficients, forget: Floats, shot: Floats) -
     a[:, 0] = (1.0 - c.rho) * a[:, 1]
     a[:, 0, 0] += c.rho
     b[:, 0] = (1.0 - c.rho) * b[:, 1]
-    b[:, 0, 1] = c.sigma
+    b[:, 0, 1] = sigma
     a[:, 2, 2] = c.slow_rho
     b[:, 2, 2] = c.slow_sigma
     if c.high_rho < 1.0:
@@ -253,7 +294,7 @@ def _transition(c: general_kernels.Coefficients, forget: Floats, shot: Floats) -
     return a, b
 
 
-def _in_parts(light: LightStretch, run: Any) -> npt.NDArray[np.int64]:
+def in_parts(light: LightStretch, run: Any) -> npt.NDArray[np.int64]:
     """Call `run` until it has reached the end of the stretch; return all events."""
     room = np.empty((_ROOM_BLOCKS * reference_kernels.BLOCK * reference_kernels.LANES, 3), np.int64)
     parts = []
@@ -264,7 +305,7 @@ def _in_parts(light: LightStretch, run: Any) -> npt.NDArray[np.int64]:
     return np.concatenate(parts)
 
 
-def _to_lanes(values: npt.NDArray[Any], lanes: int, fill: float) -> npt.NDArray[Any]:
+def to_lanes(values: npt.NDArray[Any], lanes: int, fill: float) -> npt.NDArray[Any]:
     """Return `values` with `fill` in the lanes that have no pixel."""
     full = np.full(lanes, fill, values.dtype)
     full[: len(values)] = values

@@ -1,8 +1,8 @@
 """What happens to events after the comparators, as a stream of bounded memory.
 
-In this order: the comparators' delay, hot pixels, crosstalk, queue, jitter, sorting, trail filter, rate limit; then
-times are rounded to the microsecond. Each stage takes events in order of time together with a time `until_us` that
-nothing later is before, and returns the same: it holds back what it cannot decide yet.
+In this order: the comparators' delay, hot pixels, crosstalk, queue, jitter, sorting, trail filter, rate limit, the
+functions of effects; then times are rounded to the microsecond. Each stage takes events in order of time together
+with a time `until_us` that nothing later is before, and returns the same: it holds back what it cannot decide yet.
 
 Random numbers are addressed by the recording's seed and the event's pixel, time and polarity: the same events have
 the same fate, however they are cut into stretches. Source of the generator: see :mod:`sim_backend.pixel.philox`.
@@ -11,12 +11,14 @@ the same fate, however they are cut into stretches. Source of the generator: see
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, Protocol
+import zlib
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
 from drivers.events.types import EVENT_DTYPE
 from sim_backend.pixel.chain import pixel_ids
+from sim_backend.pixel.hooks import called, refused
 from sim_backend.pixel.philox import philox4x32, split_seed
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sim_backend.pixel.chain import Chain
+    from sim_backend.pixel.hooks import Hook
 
     Floats = npt.NDArray[np.float64]
     Events = npt.NDArray[np.void]
@@ -32,7 +35,7 @@ if TYPE_CHECKING:
     #: What the comparators find: events of :data:`TIMED_DTYPE`, and the time that nothing later is before, us.
     Crossings = Iterator[Batch]
 
-__all__ = ["TIMED_DTYPE", "Readout", "has_readout", "read_out", "together"]
+__all__ = ["TIMED_DTYPE", "EventDraws", "Readout", "has_readout", "read_out", "together"]
 
 #: An event on its way: time in us, not yet rounded, column, row, polarity.
 TIMED_DTYPE: Final = np.dtype([("t_us", "<f8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
@@ -48,6 +51,7 @@ _PURPOSE_HOT: Final = 32
 _PURPOSE_CROSSTALK: Final = 33
 _PURPOSE_JITTER: Final = 34
 _PURPOSE_LIMIT: Final = 35
+_PURPOSE_HOOK: Final = 1 << 31  # and above
 
 
 class _Stage(Protocol):
@@ -147,6 +151,7 @@ def _stages(chain: Chain, seed: int, duration_us: float) -> list[_Stage]:
         stages.append(_TrailFilter(chain))
     if chain.limit_eps < math.inf:
         stages.append(_RateLimit(chain, seed))
+    stages.extend(_Hooked(chain, hook, seed) for hook in chain.hooks.events)
     return stages
 
 
@@ -288,6 +293,58 @@ class _RateLimit:
         passes = np.empty(len(events), np.bool_)
         passes[order] = rank < allowed
         return passes
+
+
+class EventDraws:
+    """Random numbers of events, by pixel, time and polarity: the same event has the same number for a purpose.
+
+    Parameters
+    ----------
+    seed
+        Of the recording.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._key = split_seed(seed)
+
+    def uniform(self, events: Events, purpose: str) -> Floats:
+        """Return a number from 0 to below 1 for each event; name the purpose ``"<id>.<what>"``."""
+        return _unit(self._words(events, purpose)[:, 0])
+
+    def normal(self, events: Events, purpose: str) -> Floats:
+        """Return a standard normal number for each event; name the purpose ``"<id>.<what>"``."""
+        return _normals(self._words(events, purpose))
+
+    def _words(self, events: Events, purpose: str) -> npt.NDArray[np.uint32]:
+        return _event_words(self._key, events, _PURPOSE_HOOK | zlib.crc32(purpose.encode()))
+
+
+class _Hooked:
+    """A function of an effect."""
+
+    def __init__(self, chain: Chain, hook: Hook, seed: int) -> None:
+        self._window = np.unique(pixel_ids(chain.x, chain.y))
+        self._hook = hook
+        self._draws = EventDraws(seed)
+        self._memory: dict[str, Any] = {}
+        self._held = _Held()
+
+    def take(self, events: Events, until_us: float) -> Batch:
+        """Return what the function makes of the events; an added one outside the window is lost."""
+        if len(events) == 0:
+            return self._held.release(events, until_us), until_us
+        made = called(self._hook, events.copy(), self._draws, self._memory)
+        if not isinstance(made, np.ndarray) or made.dtype != TIMED_DTYPE or made.ndim != 1:
+            found = f"an array of {made.dtype}" if isinstance(made, np.ndarray) else f"a {type(made).__name__}"
+            raise refused(self._hook, found, f"an array of events, {TIMED_DTYPE}")
+        early = ~(made["t_us"] >= events["t_us"][0])
+        if np.any(early):
+            at = f"an event at {made['t_us'][early][0]:g} us"
+            raise refused(self._hook, at, f"none before {events['t_us'][0]:g} us, the first that it was given")
+        if np.any(made["p"] > 1):
+            raise refused(self._hook, f"an event of polarity {made['p'].max()}", "1 for ON or 0 for OFF")
+        inside = np.isin(pixel_ids(made["x"], made["y"]), self._window)
+        return self._held.release(made[inside], until_us), until_us
 
 
 class _Held:
