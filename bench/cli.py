@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 __all__ = ["EXIT_BUG", "EXIT_DEVICE", "EXIT_INPUT", "EXIT_STOPPED", "main"]
 
+# Our matrices are small: threads of the linear algebra cost more than they bring, much more where several processes
+# work side by side. It reads this when numpy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 EXIT_INPUT: Final = 1
 EXIT_DEVICE: Final = 2
 EXIT_BUG: Final = 70

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does, before numpy is loaded
+
 _ALLOWED = Path(__file__).parent / "allowed_skips.txt"
 _skipped: list[str] = []
 

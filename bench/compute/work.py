@@ -25,7 +25,7 @@ class Setup:
     """What a worker does once, before its first item."""
 
     name: str  #: of the executor: a worker of a cluster may see several of them
-    functions: tuple[Callable[[], None], ...] = ()
+    functions: tuple[Callable[[], object], ...] = ()
 
     def prepare(self) -> None:
         """Do it, unless this process has done it."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from drivers.interfaces import Recording
     from protocols.points import Ambient
+    from sim_backend.pixel.engines import Engine
     from sim_backend.pixel.light import LightHistory
     from sim_backend.pixel.model import PixelModel
     from sim_backend.world import OpticalBench, TriggerEdge
@@ -107,6 +108,9 @@ class SimulatedCamera(EventCamera):
         Sample of the simulation, s.
     step
         Low-pass of the pixel over a sample: "exact", or "euler" as in the published simulation.
+    engine
+        "reference" goes through every sample; "fast" goes from event to event, has the same distribution of events and
+        takes a small part of the time, but knows the exact step only. None: "fast" for the exact step.
     name
         What the operator calls it.
     """
@@ -120,6 +124,7 @@ class SimulatedCamera(EventCamera):
         height: int = 720,
         dt_s: float = 1e-5,
         step: Literal["exact", "euler"] = "exact",
+        engine: Literal["fast", "reference"] | None = None,
         name: str = "camera",
     ) -> None:
         super().__init__(name)
@@ -131,8 +136,7 @@ class SimulatedCamera(EventCamera):
             raise InputError(f"{name}: step is {step!r}; expected exact or euler")
         self._world = world
         self._behaviour = bias_behaviour
-        self._dt_s = dt_s
-        self._step: Literal["exact", "euler"] = step
+        self._engine = _engine(name, engine, step, dt_s)
         self.width = width
         self.height = height
         self.bias_limits = _limits(bias_behaviour)
@@ -196,7 +200,7 @@ class SimulatedCamera(EventCamera):
         self._require_idle("read the recording")
         if self._take is None:
             raise WrongState(self.name, "read the recording", "nothing was recorded", "call start() and stop() first")
-        return _chunks(self._take, self._dt_s, self._step)
+        return _chunks(self._take, self._engine)
 
     def quality(self) -> RecordingQuality:
         """Return what is known about the completeness of the last recording: nothing is lost behind the sensor."""
@@ -254,16 +258,30 @@ def _triggers(edges: list[TriggerEdge], begin_ns: int) -> npt.NDArray[np.void]:
     return found
 
 
-def _chunks(take: _Take, dt_s: float, step: Literal["exact", "euler"]) -> Iterator[EventChunk]:
+def _engine(name: str, engine: str | None, step: Literal["exact", "euler"], dt_s: float) -> Engine:
+    """Return the engine of this name."""
+    from sim_backend.pixel.engines import FastEngine, ReferenceEngine
+
+    if engine not in (None, "fast", "reference"):
+        raise InputError(f"{name}: engine is {engine!r}; expected fast or reference")
+    if engine == "fast" and step == "euler":
+        raise InputError(
+            f"{name}: the fast engine knows the exact step only; expected step exact, or engine reference"
+        )
+    if engine == "reference" or step == "euler":
+        return ReferenceEngine(dt_s=dt_s, step=step)
+    return FastEngine(dt_s=dt_s)
+
+
+def _chunks(take: _Take, engine: Engine) -> Iterator[EventChunk]:
     """Yield the events as the engine finds them; each trigger comes with the first events that are not before it."""
     from sim_backend.pixel.chain import build_chain
-    from sim_backend.pixel.engines.reference import ReferenceEngine
 
     chain = build_chain(take.model, take.roi, take.sensor_seed)
     if take.ambient != "open":  # a shroud and a cap keep out what does not come from the source
         chain = replace(chain, stray_lux=0.0)
     sent = 0
-    for events in ReferenceEngine(dt_s=dt_s, step=step).events(chain, take.light, take.duration_s, take.seed):
+    for events in engine.events(chain, take.light, take.duration_s, take.seed):
         if len(events) == 0:
             continue
         due = int(np.searchsorted(take.triggers["t"], events["t"][-1], side="right"))

@@ -32,8 +32,8 @@ _SEEN_RMS: Final = 1e-3
 def is_faster(chain: Chain, dt_s: float) -> npt.NDArray[np.bool_]:
     """Return for each pixel whether going from event to event is possible, and cheaper than through all samples.
 
-    Without noise it is not. Nor is it for a pixel that has an event every few hundred samples: its two thresholds less
-    than 8 rms apart, and few samples in a time constant.
+    Without noise it is not. Nor is it for a pixel that has an event every few hundred samples: its two thresholds
+    less than 8 rms apart, and few samples in a time constant.
     """
     if chain.high_pass_hz > 0.0 or has_hooks(chain):
         return np.zeros(chain.pixels, np.bool_)
@@ -87,7 +87,9 @@ class FastEngine:
         if self.threads is not None and self.threads < 1:
             raise InputError(f"fast engine: {self.threads} threads; expected 1 or more")
 
-    def events(self, chain: Chain, light: LightHistory, duration_s: float, seed: int) -> Iterator[npt.NDArray[np.void]]:
+    def events(
+        self, chain: Chain, light: LightHistory, duration_s: float, seed: int
+    ) -> Iterator[npt.NDArray[np.void]]:
         """Yield the events of a recording; as :meth:`ReferenceEngine.events`."""
         return read_out(chain, seed, duration_s, self.crossings(chain, light, duration_s, seed))
 

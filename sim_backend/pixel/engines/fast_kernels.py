@@ -12,7 +12,7 @@ pixel goes in steps, each from a sample to a later one, all of whose samples in 
 
 While the light moves, the output less its settled level is w plus what the low-pass makes of the moving light, a table
 over the samples (:mod:`sim_backend.pixel.engines.moving_kernels`): within a block each level is taken where it is
-nearest. A leak moves both levels by the same amount in each sample, and is treated in the same way.
+nearest. A leak moves both levels by the same amount in each sample, and is treated alike.
 
 The normal numbers of a pixel are taken in turn from its own sequence (Philox, with the number of four of them, the
 pixel and a purpose as counter), so they do not depend on other pixels, on threads, or on where a stretch ends.
@@ -311,7 +311,9 @@ def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # typ
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, reset, sensor, blocks, tables, moving, state, events):  # type: ignore[no-untyped-def]
+def run_pixels(  # type: ignore[no-untyped-def]
+    begin, stop, light, rate, rms, settle, key, lowest, reset, sensor, blocks, tables, moving, state, events
+):
     """Take pixels to sample `stop` - 1 or beyond, or until there is no more room for events.
 
     Parameters
@@ -403,7 +405,15 @@ def run_pixels(begin, stop, light, rate, rms, settle, key, lowest, reset, sensor
                     moved = between_nodes(moving[0], place, at - moving[3])
             elif moves:
                 samples, upper, lower = block_under_moving_light(
-                    w, on_level, off_level, slope, min(last - at, longest[i], LONGEST_MOVING), scale, place, at, moving
+                    w,
+                    on_level,
+                    off_level,
+                    slope,
+                    min(last - at, longest[i], LONGEST_MOVING),
+                    scale,
+                    place,
+                    at,
+                    moving,
                 )
                 gone, w, used = block(w, upper, lower, samples, rate, fades, spreads, tangents, z, used)
                 at += gone

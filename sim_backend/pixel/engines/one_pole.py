@@ -110,7 +110,11 @@ class OnePole:
         from sim_backend.pixel.engines import general_kernels
 
         k, n, fixed = self._kernels, self.chain.pixels, self._sensor[0]
-        whole, real, store = np.zeros((n, k.WHOLE), np.int64), np.zeros((n, k.REAL)), np.zeros((n, k.DRAWS), np.float32)
+        whole, real, store = (
+            np.zeros((n, k.WHOLE), np.int64),
+            np.zeros((n, k.REAL)),
+            np.zeros((n, k.DRAWS), np.float32),
+        )
         segment = int(np.searchsorted(self._segments.first, 0, side="right")) - 1
         whole[:, k.SEGMENT] = segment
         whole[:, k.WAKE] = k.NEVER

@@ -65,7 +65,7 @@ def has_readout(chain: Chain) -> bool:
 
 
 def read_out(chain: Chain, seed: int, duration_s: float, crossings: Crossings) -> Iterator[Events]:
-    """Yield what a recording has of the comparators' events: events of `EVENT_DTYPE`, in order of time and of pixel."""
+    """Yield what a recording has of the comparators' events: `EVENT_DTYPE`, in order of time and of pixel."""
     if has_readout(chain):
         readout = Readout(chain, seed, duration_s)
         stamped = (readout.take(events, until_us) for events, until_us in crossings)

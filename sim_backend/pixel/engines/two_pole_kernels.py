@@ -2,9 +2,9 @@
 
 Between two edges the output v and the photoreceptor p, less their settled level, and the slow noise are a Gaussian
 Markov process with constant coefficients. A block of 2^j samples is drawn at its end first. If no sample in between
-can be beyond a comparator level it is done; otherwise its middle is drawn, given both ends, and each half is looked at
-in turn, down to single samples. At the first event what was drawn behind it is forgotten: the future does not depend
-on how the pixel came to where it is.
+can be beyond a comparator level it is done; otherwise its middle is drawn, given both ends, and both halves are looked
+at in turn, down to single samples. At the first event what was drawn behind it is forgotten: the future does not
+depend on how the pixel came to where it is.
 
 What is needed for blocks of each length follows from the step of one sample of the reference engine by doubling, so
 the law of the samples is its own. While the light moves, the pixel goes sample by sample.
@@ -189,7 +189,9 @@ def _bounds(table, j):  # type: ignore[no-untyped-def]
         step = parts
         for level in range(depth):
             for at in range(0, parts, step):
-                v[at + step // 2], p[at + step // 2] = between(table, j - level, v[at], p[at], v[at + step], p[at + step])
+                v[at + step // 2], p[at + step // 2] = between(
+                    table, j - level, v[at], p[at], v[at + step], p[at + step]
+                )
             step //= 2
         most = 0.0
         quarter = parts // 4

@@ -77,7 +77,7 @@ class TwoPoles:
         return room_for(len(sensor[0]), run)
 
     def _slow_noise(self) -> Floats:
-        """Return the laws of the slow noise over blocks of 2^j samples and in their middles, as the kernel takes them."""
+        """Return the law of the slow noise over blocks of 2^j samples, and in their middles."""
         k, chain = self._kernels, self.chain
         tau_s = 1.0 / (2.0 * math.pi * chain.corner_hz)
         levels = int(np.clip(math.log2(_LONGEST_TAUS * tau_s / self.dt_s), 2, k.MOST_HALVINGS))
@@ -94,7 +94,11 @@ class TwoPoles:
         from sim_backend.pixel.engines import general_kernels, lanes, reference_kernels
 
         k, n, fixed, chain = self._kernels, self.chain.pixels, self._sensor[0], self.chain
-        whole, real, store = np.zeros((n, k.WHOLE), np.int64), np.zeros((n, k.REAL)), np.zeros((n, k.DRAWS), np.float32)
+        whole, real, store = (
+            np.zeros((n, k.WHOLE), np.int64),
+            np.zeros((n, k.REAL)),
+            np.zeros((n, k.DRAWS), np.float32),
+        )
         segment = int(np.searchsorted(self._segments.first, 0, side="right")) - 1
         whole[:, k.SEGMENT] = segment
         whole[:, k.WAKE] = k.NEVER
