@@ -109,8 +109,8 @@ class SimulatedCamera(EventCamera):
     step
         Low-pass of the pixel over a sample: "exact", or "euler" as in the published simulation.
     engine
-        "reference" goes through every sample; "fast" goes from event to event, has the same distribution of events and
-        takes a small part of the time, but knows the exact step only. None: "fast" for the exact step.
+        "reference" goes through every sample; "fast" goes from event to event: the same distribution of events in a
+        small part of the time, for the exact step only. None: "fast" if the step is exact.
     name
         What the operator calls it.
     """

@@ -10,9 +10,9 @@ pixel goes in steps, each from a sample to a later one, all of whose samples in 
   have crossed. Behind it the future is drawn afresh, from the line, and what was drawn as the end is forgotten;
 - a pixel that has been quiet for long jumps to its next event, or to the next edge, by the table of rates.
 
-While the light moves, the output less its settled level is w plus what the low-pass makes of the moving light, a table
-over the samples (:mod:`sim_backend.pixel.engines.moving_kernels`): within a block each level is taken where it is
-nearest. A leak moves both levels by the same amount in each sample, and is treated alike.
+While the light moves, the output less its settled level is w plus what the low-pass makes of the moving light, a
+table over the samples (:mod:`sim_backend.pixel.engines.moving_kernels`): within a block each level is taken where it
+is nearest. A leak moves both levels by the same amount in each sample, and is treated alike.
 
 The normal numbers of a pixel are taken in turn from its own sequence (Philox, with the number of four of them, the
 pixel and a purpose as counter), so they do not depend on other pixels, on threads, or on where a stretch ends.

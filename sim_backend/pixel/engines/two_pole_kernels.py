@@ -2,9 +2,9 @@
 
 Between two edges the output v and the photoreceptor p, less their settled level, and the slow noise are a Gaussian
 Markov process with constant coefficients. A block of 2^j samples is drawn at its end first. If no sample in between
-can be beyond a comparator level it is done; otherwise its middle is drawn, given both ends, and both halves are looked
-at in turn, down to single samples. At the first event what was drawn behind it is forgotten: the future does not
-depend on how the pixel came to where it is.
+can be beyond a comparator level it is done; otherwise its middle is drawn, given both ends, and both halves are
+looked at in turn, down to single samples. At the first event what was drawn behind it is forgotten: the future does
+not depend on how the pixel came to where it is.
 
 What is needed for blocks of each length follows from the step of one sample of the reference engine by doubling, so
 the law of the samples is its own. While the light moves, the pixel goes sample by sample.
