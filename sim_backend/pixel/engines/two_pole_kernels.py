@@ -359,6 +359,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
     lengths = np.empty(levels + 2, np.int64)  # j of the stretch up to each
     newest = 0
     count = 0
+    draws = 3 if c.slow_sigma > 0.0 else 2  # the third number of a step is of the slow noise
     for i in range(begin, len(pixel)):
         at, wake, segment, used, counter = (
             whole[i, AT], whole[i, WAKE], whole[i, SEGMENT], whole[i, USED], whole[i, COUNTER]
@@ -394,7 +395,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
             event = 0
             if at < until[segment]:
                 v, p, s = walk(lux[at + 1 - lux_begin], level, fixed[i, GAIN], fixed[i, DARK], c, v, p, s, z, used)
-                used += 3
+                used += draws
                 at += 1
                 if wake == NEVER:
                     on_level -= slope
@@ -403,14 +404,14 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
             elif wake != NEVER:
                 j = largest(min(wake, end) - at, levels)
                 v, p, s = draw_end(table, slow, j, v, p, s, z, used)
-                used += 3
+                used += draws
                 at += 1 << j
             else:
                 if top < 0:
                     top = 0
                     lengths[0] = choose(table, levels, end - at, slope, v, s, on_level, off_level)
                     ends[0, V], ends[0, P], ends[0, SLOW] = draw_end(table, slow, lengths[0], v, p, s, z, used)
-                    used += 3
+                    used += draws
                 j = lengths[top]
                 v1, p1, s1 = ends[top, V], ends[top, P], ends[top, SLOW]
                 drift = slope * (1 << j)
@@ -427,7 +428,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
                     ends[top, V], ends[top, P], ends[top, SLOW] = draw_middle(
                         table, slow, j, v, p, s, v1, p1, s1, z, used
                     )
-                    used += 3
+                    used += draws
                     lengths[top - 1] = j - 1
                     lengths[top] = j - 1
             if event != 0:
