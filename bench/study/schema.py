@@ -110,7 +110,7 @@ class Variant(FrozenModel):
     reset: Reset = Reset()
     """What differs from the protocol's reset and test pulses."""
     window: Annotated[int, Field(strict=True, ge=1, le=256)] | None = None
-    """Width and height of the window in place of the effort's, for pixels without noise: they are all alike."""
+    """Width and height of the window in place of the effort's; pixels without noise are all alike."""
     pulses: Count | None = None
     """Pulses in place of the effort's."""
     polarities: Annotated[tuple[Literal["on", "off"], ...], Field(min_length=1)] = ("on", "off")
@@ -137,6 +137,10 @@ class Grid(FrozenModel):
     polarities: Annotated[tuple[Literal["on", "off"], ...], Field(min_length=1)] = ("on", "off")
     """Polarities that reset and test pulses ask for."""
     theta: Literal["never", "full", "always"] = "never"
+    """As in a variant."""
+    window: Annotated[int, Field(strict=True, ge=1, le=256)] | None = None
+    """As in a variant."""
+    pulses: Count | None = None
     """As in a variant."""
     one_at_a_time: bool = False
     """One axis at a time instead of every combination."""
@@ -171,6 +175,8 @@ class Grid(FrozenModel):
             reset=self.reset.model_copy(update=reset),
             polarities=self.polarities,
             theta=self.theta,
+            window=self.window,
+            pulses=self.pulses,
             at=at,
         )
 

@@ -40,7 +40,7 @@ def draw_curves(result: StudyResult, panels: tuple[Panel, ...]) -> Figure | None
         for theta in sorted({_truth(result, c.of) for c in panel.curves}):
             ax.axvline(theta, color=style.INK, linestyle="--", linewidth=1.0, zorder=1)
         ax.set_title(panel.title, loc="left", fontweight="bold")
-        ax.legend(loc="upper left", handlelength=1.2)
+        ax.legend(loc="lower right", handlelength=1.2)
     for ax in axes.ravel()[len(panels) :]:
         ax.set_visible(False)
     for ax in axes[:, 0]:
