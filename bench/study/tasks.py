@@ -6,6 +6,7 @@ import hashlib
 import math
 import time
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 from protocols.contrasts import PlanProblem
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from bench.analysis.curves import ThetaFitter
     from bench.analysis.results import BackgroundRow, ResponseRow, SCurve
     from bench.study.schema import Effort, Reset, Stimulus, Study, Variant
-    from protocols.schema import Measurement
+    from protocols.schema import Measurement, Protocol
     from sim_backend.pixel.engines.base import Engine
 
 __all__ = ["Outcome", "Task", "run_task", "tasks_of"]
@@ -138,9 +139,7 @@ def _points(stimulus: Stimulus, variant: Variant, effort: Effort, seed: int) -> 
     """Return the points of the protocol's measurements, altered as the variant says."""
     from pydantic import ValidationError
 
-    from protocols import load_protocol
-
-    protocol = load_protocol(stimulus.protocol).protocol
+    protocol = _protocol(stimulus.protocol)
     names = [m.name for m in protocol.measurements]
     if stimulus.measurement is not None and stimulus.measurement not in names:
         raise InputError(
@@ -161,6 +160,14 @@ def _points(stimulus: Stimulus, variant: Variant, effort: Effort, seed: int) -> 
         return type(protocol)(**(dict(protocol) | changes)).expand()
     except (ValidationError, PlanProblem) as error:
         raise InputError(f"variant {variant.name} cannot be shown {stimulus.protocol}: {_first(error)}") from None
+
+
+@lru_cache(maxsize=8)
+def _protocol(name: str) -> Protocol:
+    """Return a protocol; each is read once, for many variants are shown the same."""
+    from protocols import load_protocol
+
+    return load_protocol(name).protocol
 
 
 def _first(error: Exception) -> str:

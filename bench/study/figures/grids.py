@@ -56,7 +56,9 @@ def draw_bias(points: Sequence[BiasPoint]) -> Figure | None:
     return figure
 
 
-def _draw_line(ax: Axes, points: Sequence[BiasPoint], step: int, colour: tuple[float, float, float, float], label: str) -> None:
+def _draw_line(
+    ax: Axes, points: Sequence[BiasPoint], step: int, colour: tuple[float, float, float, float], label: str
+) -> None:
     known = sorted((p for p in points if math.isfinite(p.bias.value)), key=lambda p: p.noise_rms)
     seen = [p for p in known if p.rate.value > 0.0]
     ax.plot(
