@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_curves"]
 
 _PANEL_IN: Final = 2.7
+_GROWTH: Final = 0.4  #: markers of a curve are larger than those drawn over them, so that equal curves both show
 _HIGHEST: Final = 0.535  #: ln; the highest amplitude of the paper
 
 
@@ -36,7 +37,7 @@ def draw_curves(result: StudyResult, panels: tuple[Panel, ...]) -> Figure | None
     for ax, panel, curves in zip(axes.ravel(), panels, known, strict=False):
         for i, (drawn, curve) in enumerate(zip(panel.curves, curves, strict=True)):
             if curve is not None:
-                _draw(ax, curve, style.step_colour(i, len(curves)), i, drawn.label)
+                _draw(ax, curve, style.step_colour(i, len(curves)), i, len(curves) - 1 - i, drawn.label)
         for theta in sorted({_truth(result, c.of) for c in panel.curves}):
             ax.axvline(theta, color=style.INK, linestyle="--", linewidth=1.0, zorder=1)
         ax.set_title(panel.title, loc="left", fontweight="bold")
@@ -47,7 +48,7 @@ def draw_curves(result: StudyResult, panels: tuple[Panel, ...]) -> Figure | None
         ax.set_ylabel("response probability")
     for ax in axes[-1]:
         style.contrast_axis(ax)
-    axes[0, 0].set_xlim(0.0, max(_HIGHEST, 0.0))
+    axes[0, 0].set_xlim(0.0, _HIGHEST)
     axes[0, 0].set_ylim(-0.04, 1.04)
     return figure
 
@@ -64,10 +65,14 @@ def _truth(result: StudyResult, name: str) -> float:
     return true_threshold(pixel, wanted.polarity)
 
 
-def _draw(ax: Axes, curve: SCurve, colour: tuple[float, float, float, float], step: int, label: str) -> None:
+def _draw(
+    ax: Axes, curve: SCurve, colour: tuple[float, float, float, float], step: int, behind: int, label: str
+) -> None:
     ax.plot(curve.fit_contrast, curve.fit_probability, color=colour, linewidth=1.2, zorder=2)
     style.bars(ax, curve.log_contrast, curve.low, curve.high, colour)
-    ax.plot(curve.log_contrast, curve.probability, linestyle="", label=label, zorder=3, **style.point(step, colour))
+    look = style.point(step, colour)
+    look["markersize"] *= 1.0 + _GROWTH * behind
+    ax.plot(curve.log_contrast, curve.probability, linestyle="", label=label, zorder=3, **look)
     for reading, marker, share in ((curve.half, "o", 0.5), (curve.intercept, "s", curve.quantile)):
         floor = float(np.nan_to_num(curve.floor.value))
         height = floor + share * (curve.plateau.value - floor)
