@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from bench.analysis.results import Estimate
-from bench.study.schema import CurveName
+from bench.study.claim_schema import CurveName
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bench.study.schema import Claim, LightStep, Study
+    from bench.study.claim_schema import Claim, LightStep
+    from bench.study.schema import Study
     from bench.study.tasks import Outcome
 
 __all__ = ["Finding", "Verdict", "judge", "number_of", "true_threshold"]

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from bench.analysis.results import Estimate
     from bench.report.page import Shown
     from bench.study.claims import Finding
+    from bench.study.figure_schema import Figure
     from bench.study.run import StudyResult
-    from bench.study.schema import Figure
 
 __all__ = ["PAGE", "number_text", "write_study_report"]
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from bench.study.claim_schema import Claim, CurveName, Name, Text
+from bench.study.figure_schema import Figure
 from protocols.axes import Contrasts
 from protocols.base import Contrast, FrozenModel, Number, PathProblem, Seconds, problems_at
 from protocols.errors import InputError
@@ -17,26 +19,10 @@ from protocols.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "FORMAT",
-    "Claim",
-    "CurveName",
-    "DrawnCurve",
-    "Effort",
-    "Figure",
-    "Grid",
-    "LightStep",
-    "Panel",
-    "Reset",
-    "Stimulus",
-    "Study",
-    "Variant",
-]
+__all__ = ["FORMAT", "Effort", "Grid", "Reset", "Stimulus", "Study", "Variant"]
 
 FORMAT = "evs-bench-study/1"
 
-Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]*$", max_length=60)]
-Text = Annotated[str, Field(min_length=1)]
 Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 Axis = Annotated[tuple[Number, ...], Field(min_length=1)]
 
@@ -183,146 +169,6 @@ class Grid(FrozenModel):
 
 def _axes() -> tuple[str, ...]:
     return ("noise_rms", "corner_hz", "theta_on", "theta_off", "refractory_s", *Reset.model_fields)
-
-
-class CurveName(FrozenModel):
-    """One result: of which variant, which stimulus, which polarity."""
-
-    variant: str
-    stimulus: str
-    polarity: Literal["on", "off", "both"]  #: both: of constant light, ON and OFF together
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """Return the name that is written VARIANT/STIMULUS/POLARITY."""
-        parts = text.split("/")
-        if len(parts) != 3 or parts[2] not in ("on", "off", "both"):
-            raise ValueError(f"{text!r} is no curve; write variant/stimulus/on, off or both")
-        return cls(variant=parts[0], stimulus=parts[1], polarity=parts[2])
-
-
-def _is_curve(text: str) -> str:
-    CurveName.parse(text)
-    return text
-
-
-Curve = Annotated[str, AfterValidator(_is_curve)]
-
-Quantity = Literal["half", "intercept", "theta", "plateau", "rate", "reset_over_threshold", "dark_light_ratio"]
-
-
-class LightStep(FrozenModel):
-    """A step of the light that just gives an event."""
-
-    lux: Annotated[float, Field(strict=True, gt=0)]
-    """From this illuminance on chip, lux."""
-    log_contrast: Contrast
-    """By this log contrast."""
-    theta: Contrast
-    """At this threshold, ln."""
-
-
-class Claim(FrozenModel):
-    """What is said of the outcome, and what number would bear it out."""
-
-    name: Name
-    """Each only once."""
-    by: Literal["paper", "us"]
-    """Who says it: the paper, or we."""
-    source: Text
-    """Where it stands."""
-    says: Text
-    """What is said, in words."""
-    quantity: Quantity
-    """half, intercept, theta: contrasts in ln; plateau: a probability; rate: of background events, Hz;
-    reset_over_threshold: log contrast of the reset pulse over the threshold under test; dark_light_ratio: of the dark
-    light that the two `steps` give."""
-    of: tuple[Curve, ...] = ()
-    """Results whose numbers are added."""
-    minus: tuple[Curve, ...] = ()
-    """Results whose numbers are taken away."""
-    steps: tuple[LightStep, ...] = ()
-    """Two steps of the light at the threshold, for dark_light_ratio; nothing is simulated for it."""
-    unit: Literal["threshold", "less_sensitive", "ln", "1", "Hz"]
-    """threshold: over the true threshold of the polarity; less_sensitive: over the larger of the two."""
-    expected: Number | None = None
-    """The number expected."""
-    tolerance: Annotated[float, Field(strict=True, gt=0)] | None = None
-    """How far the number may be from it."""
-    factor: Annotated[float, Field(strict=True, gt=1)] | None = None
-    """By what factor the number may be off, in place of a tolerance."""
-    above: Number | None = None
-    """The number is above this, in place of an expected one."""
-    below: Number | None = None
-    """The number is below this."""
-    otherwise: Text
-    """Why, where it does not come out so."""
-
-    @model_validator(mode="after")
-    def _one_form(self) -> Self:
-        spread = (self.tolerance is not None) + (self.factor is not None)
-        if self.expected is not None and (spread != 1 or self.above is not None or self.below is not None):
-            raise ValueError("expected needs one of tolerance and factor, and neither above nor below")
-        if self.expected is None and (spread or (self.above is None) == (self.below is None)):
-            raise ValueError("needs expected with tolerance or factor, or one of above and below")
-        wanted = 2 if self.quantity == "dark_light_ratio" else 0
-        if len(self.steps) != wanted or bool(self.of) == bool(self.steps):
-            raise ValueError(
-                "dark_light_ratio needs two steps and no curves; every other quantity needs curves in of"
-            )
-        return self
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Lowest and highest number that bear the claim out."""
-        if self.expected is None:
-            low = -float("inf") if self.above is None else self.above
-            return low, float("inf") if self.below is None else self.below
-        if self.factor is not None:
-            return self.expected / self.factor, self.expected * self.factor
-        spread = self.tolerance or 0.0
-        return self.expected - spread, self.expected + spread
-
-
-class DrawnCurve(FrozenModel):
-    """One S-curve in a figure."""
-
-    of: Curve
-    """The result."""
-    label: Text
-    """What the legend calls it."""
-
-
-class Panel(FrozenModel):
-    """One set of axes with S-curves."""
-
-    title: Text
-    """Above the axes."""
-    curves: Annotated[tuple[DrawnCurve, ...], Field(min_length=1)]
-    """What is drawn; the true threshold of each is marked."""
-
-
-class Figure(FrozenModel):
-    """A figure of the report."""
-
-    name: Name
-    """Each only once; the name of its files."""
-    title: Text
-    """Above the figure."""
-    caption: Text
-    """Below it."""
-    draws: Literal["curves", "theory", "waveform", "memory", "dark_light", "bias", "reset"] = "curves"
-    """curves: S-curves in panels; theory: curves of a pixel with noise, calculated; waveform: the reset and test
-    pulses; memory: what a pixel memorises in one period; dark_light: contrast needed near the dark limit; bias and
-    reset: the grids of these names."""
-    panels: tuple[Panel, ...] = ()
-    """For curves."""
-
-    @model_validator(mode="after")
-    def _panels_are_for_curves(self) -> Self:
-        if (self.draws == "curves") != bool(self.panels):
-            raise ValueError("curves are drawn in panels, and only they are")
-        return self
 
 
 class Study(FrozenModel):

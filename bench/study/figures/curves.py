@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.report.figures import style
+from bench.study.claim_schema import CurveName
 from bench.study.claims import true_threshold
-from bench.study.schema import CurveName
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from bench.analysis.results import SCurve
+    from bench.study.figure_schema import Panel
     from bench.study.run import StudyResult
-    from bench.study.schema import Panel
 
 __all__ = ["draw_curves"]
 
