@@ -83,30 +83,36 @@ def bias_points(result: StudyResult) -> tuple[BiasPoint, ...]:
 
 
 def acceptable_noise(points: Sequence[BiasPoint]) -> list[str]:
-    """Return one sentence for each stimulus, corner and imbalance: up to which noise the bias stays below 5 %."""
+    """Return one sentence for each stimulus, corner and imbalance: at which noise the bias stays within 5 %.
+
+    Little noise moves the intercept to the right (what is memorised is noisy, and nothing helps a step that is too
+    small), much noise to the left, so there may be a lower end too.
+    """
     groups: dict[tuple[str, float, float], list[BiasPoint]] = {}
     for point in points:
         groups.setdefault((point.stimulus, point.corner_hz, point.theta_off), []).append(point)
     return [
-        f"{_STIMULI[stimulus]}, {corner:g} Hz, OFF threshold {off:g}: {_up_to(mine)}"
+        f"{_STIMULI[stimulus]}, {corner:g} Hz, OFF threshold {off:g}: {_range(mine)}"
         for (stimulus, corner, off), mine in groups.items()
     ]
 
 
-def _up_to(points: Sequence[BiasPoint]) -> str:
+def _range(points: Sequence[BiasPoint]) -> str:
     points = sorted(points, key=lambda p: p.noise_rms)
-    good: list[BiasPoint] = []
-    for point in points:
-        if not abs(point.bias.value) <= ACCEPTABLE:
-            break
-        good.append(point)
+    good = [i for i, p in enumerate(points) if abs(p.bias.value) <= ACCEPTABLE]
     if not good:
-        first = points[0]
-        return f"the bias is {first.bias.value:+.0%} at the least noise taken, rms {first.noise_rms:g}"
-    last = good[-1]
-    rate = f"{last.rate.value:.2g} Hz" if last.rate.value > 0.0 else f"less than {last.rate.high:.1g} Hz"
-    beyond = "" if len(good) < len(points) else ", the most that was taken"
-    return f"up to rms {last.noise_rms:g} (background {rate}){beyond}"
+        least = min(points, key=lambda p: abs(p.bias.value))
+        return f"nowhere; the least bias is {least.bias.value:+.0%}, at {_noise(least)}"
+    first, last = good[0], good[-1]
+    text = (
+        f"up to {_noise(points[last])}" if first == 0 else f"from {_noise(points[first])} to {_noise(points[last])}"
+    )
+    return text if last < len(points) - 1 else f"{text}, the most that was taken"
+
+
+def _noise(point: BiasPoint) -> str:
+    rate = f"{point.rate.value:.2g} Hz" if point.rate.value > 0.0 else f"less than {point.rate.high:.1g} Hz"
+    return f"rms {point.noise_rms:g} (background {rate})"
 
 
 def reset_points(result: StudyResult) -> tuple[ResetPoint, ...]:
