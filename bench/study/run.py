@@ -57,7 +57,7 @@ def variants_of(study: Study, only: Sequence[str], *, quick: bool) -> tuple[Vari
             close = get_close_matches(name, names, n=1)
             hint = f"did you mean {close[0]!r}?" if close else f"there are {', '.join(names)}"
             raise InputError(f"the study has no variant and no grid {name!r}; {hint}")
-    single = [v for v in study.variants if not only or v.name in only]
+    single = [v for v in study.variants if v.name in only or not (only or (quick and not v.in_quick))]
     grids = [v for g in study.grids if not only or g.name in only for v in g.variants(quick=quick)]
     return (*single, *grids)
 

@@ -103,6 +103,8 @@ class Variant(FrozenModel):
     """Polarities that reset and test pulses ask for."""
     theta: Literal["never", "full", "always"] = "never"
     """Whether the threshold of a noisy pixel is fitted too, which takes longer than all else."""
+    in_quick: bool = True
+    """Whether a quick run takes it too, unless it is asked for by its name."""
     at: dict[str, float] = Field(default_factory=dict)
     """Where the variant lies in its grid; empty for one that stands by itself."""
 
