@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = {"bench", "drivers", "protocols", "sim_backend"}
-NEEDED = {"py.typed", "quick_look.yaml", "simulated.yaml"}
+NEEDED = {"py.typed", "quick_look.yaml", "simulated.yaml", "paper.yaml", "study.html"}
 
 
 def build(folder: Path) -> Path:

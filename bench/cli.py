@@ -31,6 +31,7 @@ EXIT_STOPPED: Final = 130
 #: Name of each command, what `--help` says of it, in the order of the work. The modules are imported when needed.
 _COMMANDS: Final = {
     "demo": "Measure a simulated sensor and compare the result with the truth.",
+    "reproduce": "Run a published simulation study, and hold it against what it says.",
     "protocols": "List the protocols that come with the bench; copy or show one.",
     "check": "Look a protocol over before it is run: limits, warnings, time and size.",
     "run": "Run a protocol on a station, and leave a run folder.",

@@ -22,6 +22,7 @@ POINTS = {
     "background_activity": 12,
     "off_family": 240,
     "on_family": 240,
+    "paper_background": 30,
     "paper_reset_test": 600,
     "paper_square": 420,
     "pulse_width": 168,

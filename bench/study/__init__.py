@@ -1,0 +1,1 @@
+"""Studies: simulated pixels whose truth is known, measured as protocols say, and held against what was claimed."""

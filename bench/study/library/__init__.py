@@ -1,0 +1,1 @@
+"""Studies that come with the bench, as YAML files beside this module."""
