@@ -1,13 +1,10 @@
 """Compiled parts of the fast engine for pixels with two low-passes, noise that follows the light, or slow noise.
 
-Between two edges the output v and the photoreceptor p, less their settled level, and the slow noise are a Gaussian
-Markov process with constant coefficients. A block of 2^j samples is drawn at its end first. If no sample in between
-can be beyond a comparator level it is done; otherwise its middle is drawn, given both ends, and both halves are
-looked at in turn, down to single samples. At the first event what was drawn behind it is forgotten: the future does
-not depend on how the pixel came to where it is.
-
-What is needed for blocks of each length follows from the step of one sample of the reference engine by doubling, so
-the law of the samples is its own. While the light moves, the pixel goes sample by sample.
+A block of 2^j samples is drawn at its end first. If no sample in between can be beyond a comparator level it is done.
+If one can, but is not likely to, one random number decides (:mod:`sim_backend.pixel.engines.excursion_kernels`).
+Otherwise the middle of the block is drawn, given both ends, and both halves are looked at in turn, down to single
+samples. At the first event what was drawn behind it is forgotten: the future does not depend on how the pixel came to
+where it is. While the light moves, the pixel goes sample by sample.
 """
 
 from __future__ import annotations
@@ -18,44 +15,27 @@ from typing import Final
 import numpy as np
 
 from drivers.jit import njit
-from sim_backend.pixel.engines.fast_kernels import DRAW_LANES, DRAWS, NEVER, fill_draws
-from sim_backend.pixel.engines.general_kernels import exp_falling
+from sim_backend.pixel.engines.block_law_kernels import (
+    COLUMNS,
+    DEVIATION,
+    LIMIT,
+    RARE,
+    REACH,
+    STRICT,
+    clearance,
+    draw_end,
+    draw_middle,
+    event_at,
+    make_table,
+    receptor,
+)
+from sim_backend.pixel.engines.excursion_kernels import first_crossing
+from sim_backend.pixel.engines.fast_kernels import DRAW_LANES, DRAWS, NEVER, exponential, fill_draws
 
-#: A sample counts as unable to be beyond a level that is this many of its conditional standard deviations away, or
-#: more: a Brownian bridge reaches a level at K times the deviation in its middle with exp(-K^2 / 2) = 7e-10.
-STRICT: Final = 6.5
-#: A block is begun only if the level is also this many of the deviations of its end away.
-_REACH: Final = 0.5
-#: Largest j of a block of 2^j samples.
-MOST_HALVINGS: Final = 13
-#: Between the ends of a block the expected output is looked at in 2^DEPTH parts when the table is made.
-_DEPTH: Final = 4
 #: A level may come closer during a block by this part of its distance.
 _LOST_DISTANCE: Final = 0.5
-
-# Columns of the table of a light: one row for each j
-AVV: Final = 0  #: factors of v and p over a block
-AVP: Final = 1
-APP: Final = 2
-L11: Final = 3  #: Cholesky factor of what noise adds to v and p in it
-L21: Final = 4
-L22: Final = 5
-G0: Final = 6  #: (v, p) in the middle from (v, p) at the start, by rows
-G1: Final = 10  #: the same from the end
-M11: Final = 14  #: Cholesky factor of the rest in the middle
-M21: Final = 15
-M22: Final = 16
-SLACK: Final = 17  #: how far the output can be above its parabola of quarters, per |v0|, |p0|, |v1|, |p1|
-GUARD: Final = 21  #: STRICT times the largest conditional deviation inside
-REACH: Final = 22  #: how far away a level must be for a block to be worth while
-COLUMNS: Final = 23
-
-# Columns of the slow noise: one row for each j
-S_FADE: Final = 0
-S_STEP: Final = 1
-S_MIDDLE: Final = 2  #: middle from either end
-S_REST: Final = 3  #: deviation of the rest
-SLOW_COLUMNS: Final = 4
+#: An exponential number is above this with the chance RARE.
+_UNLIKELY: Final = -math.log(RARE)
 
 # Whole numbers and real numbers of a pixel's state
 AT: Final = 0
@@ -80,186 +60,9 @@ OFF: Final = 3
 LEAK: Final = 4
 FIXED: Final = 5
 
-MOST_DRAWS: Final = 7  #: normal numbers of one step at the most
+MOST_DRAWS: Final = 8  #: normal numbers of one step at the most
 #: Lights whose tables a pixel keeps.
 _KEPT_LIGHTS: Final = 4
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def receptor(current, c):  # type: ignore[no-untyped-def]
-    """Return factor of the photoreceptor, what shot noise adds to it, and rms of the noise of the source follower.
-
-    A photoreceptor that forgets within a sample hands its white noise on to the source follower.
-    """
-    shot = math.sqrt(c.shot_fa / current)
-    forget = exp_falling(min(c.receptor_per_fa * current, c.receptor_most))
-    if forget > 0.0:
-        return forget, (1.0 - forget) * shot, c.sigma
-    return 0.0, 0.0, math.hypot(c.sigma, (1.0 - c.rho) * shot)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def cholesky(vv, vp, pp):  # type: ignore[no-untyped-def]
-    """Return the factor (l11, l21, l22) of a covariance of v and p."""
-    l11 = math.sqrt(max(vv, 0.0))
-    l21 = vp / l11 if l11 > 0.0 else 0.0
-    return l11, l21, math.sqrt(max(pp - l21 * l21, 0.0))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def make_table(current, c, slow, levels, table):  # type: ignore[no-untyped-def]
-    """Write the rows j = 0 to `levels` for a photocurrent (fA)."""
-    forget, added, sigma = receptor(current, c)
-    # x <- A x + noise; noise of v: (1 - rho) of what is added to p, and its own.
-    avv, avp, app = c.rho, (1.0 - c.rho) * forget, forget
-    into_v = (1.0 - c.rho) * added
-    vv, vp, pp = into_v * into_v + sigma * sigma, into_v * added, added * added
-    for j in range(levels + 1):
-        row = table[j]
-        row[AVV], row[AVP], row[APP] = avv, avp, app
-        row[L11], row[L21], row[L22] = cholesky(vv, vp, pp)
-        # Twice as long: A <- A A, C <- A C A' + C
-        next_vv = avv * (avv * vv + avp * vp) + avp * (avv * vp + avp * pp) + vv
-        next_vp = app * (avv * vp + avp * pp) + vp
-        next_pp = app * app * pp + pp
-        if j < levels:
-            _middle(row, table[j + 1], vv, vp, pp, next_vv, next_vp, next_pp)
-        avv, avp, app = avv * avv, avp * (avv + app), app * app
-        vv, vp, pp = next_vv, next_vp, next_pp
-    for j in range(2, levels + 1):
-        _bounds(table, j)
-        row = table[j]
-        row[GUARD] = STRICT * math.hypot(_deviation(table, j), slow[j, S_REST])
-        row[REACH] = row[GUARD] + _REACH * math.hypot(row[L11], slow[j, S_STEP])
-    table[0, REACH] = 0.0
-    table[1, REACH] = 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _middle(half, row, vv, vp, pp, whole_vv, whole_vp, whole_pp):  # type: ignore[no-untyped-def]
-    """Write the law in the middle of a block: ``K = C A' W^-1``, ``G0 = A - K A A``, ``G1 = K``, rest ``C - K A C``.
-
-    C is the covariance of half the block, W of the whole, A the factors of half.
-    """
-    avv, avp, app = half[AVV], half[AVP], half[APP]
-    # C A', whose second index is that of the end
-    b_vv, b_vp = vv * avv + vp * avp, vp * app
-    b_pv, b_pp = vp * avv + pp * avp, pp * app
-    det = whole_vv * whole_pp - whole_vp * whole_vp
-    if det > 1e-13 * whole_vv * whole_pp:
-        k_vv, k_vp = (b_vv * whole_pp - b_vp * whole_vp) / det, (b_vp * whole_vv - b_vv * whole_vp) / det
-        k_pv, k_pp = (b_pv * whole_pp - b_pp * whole_vp) / det, (b_pp * whole_vv - b_pv * whole_vp) / det
-    else:  # nothing is random in p
-        k_vv, k_vp, k_pv, k_pp = (b_vv / whole_vv if whole_vv > 0.0 else 0.0), 0.0, 0.0, 0.0
-    row[G1], row[G1 + 1], row[G1 + 2], row[G1 + 3] = k_vv, k_vp, k_pv, k_pp
-    a2_vv, a2_vp, a2_pp = avv * avv, avp * (avv + app), app * app
-    row[G0], row[G0 + 1] = avv - k_vv * a2_vv, avp - k_vv * a2_vp - k_vp * a2_pp
-    row[G0 + 2], row[G0 + 3] = -k_pv * a2_vv, app - k_pv * a2_vp - k_pp * a2_pp
-    rest_vv = vv - k_vv * b_vv - k_vp * b_vp
-    rest_vp = vp - k_vv * b_pv - k_vp * b_pp
-    rest_pp = pp - k_pv * b_pv - k_pp * b_pp
-    row[M11], row[M21], row[M22] = cholesky(rest_vv, rest_vp, rest_pp)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def between(table, j, v0, p0, v1, p1):  # type: ignore[no-untyped-def]
-    """Return the expected v and p in the middle of a block."""
-    v = table[j, G0] * v0 + table[j, G0 + 1] * p0 + table[j, G1] * v1 + table[j, G1 + 1] * p1
-    p = table[j, G0 + 2] * v0 + table[j, G0 + 3] * p0 + table[j, G1 + 2] * v1 + table[j, G1 + 3] * p1
-    return v, p
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _bounds(table, j):  # type: ignore[no-untyped-def]
-    """Write by how much the expected output can leave the lines between its quarters, for each end's v and p."""
-    depth = min(j, _DEPTH)
-    parts = 1 << depth
-    v, p = np.zeros(parts + 1), np.zeros(parts + 1)
-    for which in range(4):
-        v[:] = 0.0
-        p[:] = 0.0
-        if which == 0:
-            v[0] = 1.0
-        elif which == 1:
-            p[0] = 1.0
-        elif which == 2:
-            v[parts] = 1.0
-        else:
-            p[parts] = 1.0
-        step = parts
-        for level in range(depth):
-            for at in range(0, parts, step):
-                v[at + step // 2], p[at + step // 2] = between(
-                    table, j - level, v[at], p[at], v[at + step], p[at + step]
-                )
-            step //= 2
-        most = 0.0
-        quarter = parts // 4
-        for at in range(parts):
-            low = at // quarter * quarter
-            line = v[low] + (at - low) / quarter * (v[low + quarter] - v[low])
-            most = max(most, abs(v[at] - line))
-        table[j, SLACK + which] = most
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _deviation(table, j):  # type: ignore[no-untyped-def]
-    """Return the largest conditional deviation of v in a block: of its middle and of its quarters."""
-    row, half = table[j], table[j - 1]
-    most = row[M11] ** 2
-    for g in (G0, G1):  # the quarter behind the middle, and the one before it
-        a = half[g] * row[M11] + half[g + 1] * row[M21]
-        b = half[g + 1] * row[M22]
-        most = max(most, half[M11] ** 2 + a * a + b * b)
-    return 1.02 * math.sqrt(most)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def safe(table, j, v0, p0, s0, v1, p1, s1, upper, lower):  # type: ignore[no-untyped-def]
-    """Return whether no sample of a block of 2^j, j >= 2, can be beyond a level."""
-    h = j - 1
-    vm, pm = between(table, j, v0, p0, v1, p1)
-    q = table[h, G0] * v0 + table[h, G0 + 1] * p0 + table[h, G1] * vm + table[h, G1 + 1] * pm
-    r = table[h, G0] * vm + table[h, G0 + 1] * pm + table[h, G1] * v1 + table[h, G1 + 1] * p1
-    slack = (
-        table[j, GUARD]
-        + table[j, SLACK] * abs(v0)
-        + table[j, SLACK + 1] * abs(p0)
-        + table[j, SLACK + 2] * abs(v1)
-        + table[j, SLACK + 3] * abs(p1)
-    )
-    high = max(max(max(v0, v1), max(q, r)), vm) + max(s0, s1)
-    low = min(min(min(v0, v1), min(q, r)), vm) + min(s0, s1)
-    return high + slack < upper and low - slack > lower
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def event_at(value, upper, lower):  # type: ignore[no-untyped-def]
-    """Return 1 for an ON event, -1 for an OFF event, 0 for none."""
-    return (1 if value >= upper else 0) - (1 if value <= lower else 0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def draw_end(table, slow, j, v, p, s, z, used):  # type: ignore[no-untyped-def]
-    """Return the state at the end of a block; three normal numbers."""
-    z0, z1 = np.float64(z[used]), np.float64(z[used + 1])
-    return (
-        table[j, AVV] * v + table[j, AVP] * p + table[j, L11] * z0,
-        table[j, APP] * p + table[j, L21] * z0 + table[j, L22] * z1,
-        slow[j, S_FADE] * s + slow[j, S_STEP] * np.float64(z[used + 2]),
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def draw_middle(table, slow, j, v0, p0, s0, v1, p1, s1, z, used):  # type: ignore[no-untyped-def]
-    """Return the state in the middle of a block, given both ends; three normal numbers."""
-    z0, z1 = np.float64(z[used]), np.float64(z[used + 1])
-    v, p = between(table, j, v0, p0, v1, p1)
-    return (
-        v + table[j, M11] * z0,
-        p + table[j, M21] * z0 + table[j, M22] * z1,
-        slow[j, S_MIDDLE] * (s0 + s1) + slow[j, S_REST] * np.float64(z[used + 2]),
-    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -272,12 +75,12 @@ def largest(samples, levels):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def choose(table, levels, most, slope, v, s, on_level, off_level):  # type: ignore[no-untyped-def]
-    """Return j of the next block of an armed pixel, of `most` samples at the most."""
+def choose(table, longest, most, slope, v, s, on_level, off_level):  # type: ignore[no-untyped-def]
+    """Return j of the next block of an armed pixel, `longest` and `most` samples at the most."""
     out = v + s
     # Levels as they will be seen from the settled level too: the output goes there.
     near = min(on_level - max(out, s), min(out, s) - off_level)
-    j = largest(most, levels)
+    j = largest(most, longest)
     while j > 0 and (table[j, REACH] > near or abs(slope) * (1 << j) > _LOST_DISTANCE * near):
         j -= 1
     return j
@@ -357,6 +160,8 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
     kept = np.full(_KEPT_LIGHTS, -1.0)
     ends = np.empty((levels + 2, 3))  # states drawn ahead, the nearest last
     lengths = np.empty(levels + 2, np.int64)  # j of the stretch up to each
+    numbers = np.empty(2, np.int64)
+    start, found, way = np.empty(3), np.empty(3), np.empty((levels + 2, 4))
     newest = 0
     count = 0
     draws = 3 if c.slow_sigma > 0.0 else 2  # the third number of a step is of the slow noise
@@ -373,6 +178,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
         slope = fixed[i, LEAK] + leaks[segment]
         end = min(first[segment + 1], stop) - 1
         top = -1
+        last = 0  # j of the last block that was begun
         while at < stop - 1 and count < len(events):
             if used > DRAWS - MOST_DRAWS:
                 fill_draws(pixel[i], counter, key0, key1, words, z)
@@ -409,14 +215,34 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
             else:
                 if top < 0:
                     top = 0
-                    lengths[0] = choose(table, levels, end - at, slope, v, s, on_level, off_level)
-                    ends[0, V], ends[0, P], ends[0, SLOW] = draw_end(table, slow, lengths[0], v, p, s, z, used)
+                    last = choose(table, min(last + 2, levels), end - at, slope, v, s, on_level, off_level)
+                    lengths[0] = last
+                    ends[0, V], ends[0, P], ends[0, SLOW] = draw_end(table, slow, last, v, p, s, z, used)
                     used += draws
                 j = lengths[top]
                 v1, p1, s1 = ends[top, V], ends[top, P], ends[top, SLOW]
                 drift = slope * (1 << j)
-                upper, lower = on_level - max(drift, 0.0), off_level - min(drift, 0.0)
-                if j == 0 or (j > 1 and safe(table, j, v, p, s, v1, p1, s1, upper, lower)):
+                done = j == 0
+                if j > 1:
+                    up, down = clearance(
+                        table, j, v, p, s, v1, p1, s1, on_level - max(drift, 0.0), off_level - min(drift, 0.0)
+                    )
+                    done = min(up, down) > table[j, LIMIT] * table[j, DEVIATION]
+                    if done and min(up, down) < STRICT * table[j, DEVIATION]:
+                        used += 2
+                        if exponential(z, used - 2) > _UNLIKELY:
+                            numbers[0], numbers[1] = used, counter
+                            start[0], start[1], start[2] = v, p, s
+                            k = first_crossing(
+                                table, slow, j, start, ends[top], on_level, off_level, slope, pixel[i],
+                                key0, key1, words, z, numbers, way, found,
+                            )  # fmt: skip
+                            used, counter = numbers[0], numbers[1]
+                            if k > 0:
+                                v1, p1, s1 = found[0], found[1], found[2]
+                                drift = slope * k
+                                at += k - (1 << j)
+                if done:
                     v, p, s = v1, p1, s1
                     on_level -= drift
                     off_level -= drift

@@ -78,7 +78,9 @@ class TwoPoles:
 
     def _slow_noise(self) -> Floats:
         """Return the law of the slow noise over blocks of 2^j samples, and in their middles."""
-        k, chain = self._kernels, self.chain
+        from sim_backend.pixel.engines import block_law_kernels as k
+
+        chain = self.chain
         tau_s = 1.0 / (2.0 * math.pi * chain.corner_hz)
         levels = int(np.clip(math.log2(_LONGEST_TAUS * tau_s / self.dt_s), 2, k.MOST_HALVINGS))
         x = self.dt_s / chain.slow_tau_s * 2.0 ** np.arange(levels + 1)
