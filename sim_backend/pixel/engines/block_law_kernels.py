@@ -26,6 +26,8 @@ _REACH: Final = 0.5
 MOST_HALVINGS: Final = 13
 #: Between the ends of a block the expected output is looked at in 2^DEPTH parts when the table is made.
 _DEPTH: Final = 4
+#: and may be this much further from the lines between the quarters in between.
+_BETWEEN_PARTS: Final = 1.1
 
 #: Newton's steps for the inverse of the normal tail: they come from above, then quadratically.
 _NEWTON_STEPS: Final = 8
@@ -188,7 +190,7 @@ def _bounds(table, j):  # type: ignore[no-untyped-def]
             low = at // quarter * quarter
             line = v[low] + (at - low) / quarter * (v[low + quarter] - v[low])
             most = max(most, abs(v[at] - line))
-        table[j, SLACK + which] = most
+        table[j, SLACK + which] = _BETWEEN_PARTS * most
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -113,9 +113,9 @@ def refill(pixel, key0, key1, words, z, numbers):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def crosses_inside(
+def crosses_inside(  # type: ignore[no-untyped-def]
     table, slow, j, left, right, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way
-):  # type: ignore[no-untyped-def]
+):
     """Return whether any sample between two states, 2^j samples apart, is beyond a level.
 
     Parameters
@@ -203,9 +203,9 @@ def first_crossing(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def crosses_before(
+def crosses_before(  # type: ignore[no-untyped-def]
     table, slow, k, start, found, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way
-):  # type: ignore[no-untyped-def]
+):
     """Return whether a sample between `start` and the one `k` samples later is beyond a level.
 
     From the right to the left, in steps of 1, 1, 2, 4, ... samples: most often it is the one right before.
