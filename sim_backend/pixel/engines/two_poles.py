@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["TwoPoles"]
+__all__ = ["TwoPoles", "slow_noise"]
 
 #: Longest block, in time constants of the source follower.
 _LONGEST_TAUS: Final = 16.0
@@ -46,7 +46,7 @@ class TwoPoles:
         self._c = lanes.coefficients(grid, chain)
         self._segments = segments_of(self._on_chip, max(chain.noise_rms, _SMALL_NOISE), dt_s)
         self._leaks = chain.leak_per_s_per_lux * self._segments.lux * dt_s
-        self._slow = self._slow_noise()
+        self._slow = slow_noise(chain, dt_s)
         self._lux: tuple[Floats, int] = (np.zeros(0), 0)
         self.order, rank = places(chain)
         self._pixel = pixel_ids(chain.x, chain.y)
@@ -76,21 +76,6 @@ class TwoPoles:
 
         return room_for(len(sensor[0]), run)
 
-    def _slow_noise(self) -> Floats:
-        """Return the law of the slow noise over blocks of 2^j samples, and in their middles."""
-        from sim_backend.pixel.engines import block_law_kernels as k
-
-        chain = self.chain
-        tau_s = 1.0 / (2.0 * math.pi * chain.corner_hz)
-        levels = int(np.clip(math.log2(_LONGEST_TAUS * tau_s / self.dt_s), 2, k.MOST_HALVINGS))
-        x = self.dt_s / chain.slow_tau_s * 2.0 ** np.arange(levels + 1)
-        slow = np.empty((levels + 1, k.SLOW_COLUMNS))
-        slow[:, k.S_FADE] = np.exp(-x)
-        slow[:, k.S_STEP] = chain.slow_rms * np.sqrt(-np.expm1(-2.0 * x))
-        slow[:, k.S_MIDDLE] = 0.5 / np.cosh(0.5 * x)
-        slow[:, k.S_REST] = chain.slow_rms * np.sqrt(np.tanh(0.5 * x))
-        return slow
-
     def _start(self, grid: Any, lux: float) -> None:
         """Put all pixels at t = 0: settled at the first light, memorised, armed."""
         from sim_backend.pixel.engines import general_kernels, lanes, reference_kernels
@@ -118,3 +103,18 @@ class TwoPoles:
         real[:, k.ON_LEVEL] = memorised + fixed[:, k.ON]
         real[:, k.OFF_LEVEL] = memorised - fixed[:, k.OFF]
         self._state = (whole, real, store)
+
+
+def slow_noise(chain: Chain, dt_s: float) -> Floats:
+    """Return the law of the slow noise over blocks of 2^j samples, and in their middle, as the kernels take it."""
+    from sim_backend.pixel.engines import block_law_kernels as k
+
+    tau_s = 1.0 / (2.0 * math.pi * chain.corner_hz)
+    levels = int(np.clip(math.log2(_LONGEST_TAUS * tau_s / dt_s), 2, k.MOST_HALVINGS))
+    x = dt_s / chain.slow_tau_s * 2.0 ** np.arange(levels + 1)
+    slow = np.empty((levels + 1, k.SLOW_COLUMNS))
+    slow[:, k.S_FADE] = np.exp(-x)
+    slow[:, k.S_STEP] = chain.slow_rms * np.sqrt(-np.expm1(-2.0 * x))
+    slow[:, k.S_MIDDLE] = 0.5 / np.cosh(0.5 * x)
+    slow[:, k.S_REST] = chain.slow_rms * np.sqrt(np.tanh(0.5 * x))
+    return slow
