@@ -269,9 +269,11 @@ def _loss(damaged: Sequence[str]) -> list[str]:
 
 
 def _legend(curves: Sequence[SCurve]) -> list[str]:
-    lines = [
-        "  100 %: where the curve has risen by 99 % of the way from floor to plateau; theta: fit of a noisy pixel"
-    ]
+    lines = ["  100 %: where the curve has risen by 99 % of the way from floor to plateau"]
+    if any(c.theta for c in curves):
+        lines.append("  theta: fit of a noisy pixel; - where the data do not determine it")
+    else:
+        lines.append("  there is no theta: the data do not determine the fit of a noisy pixel")
     if any(c.limited_by for c in curves):
         lines.append("  (on), (off): a square wave shows the larger threshold; this curve is the other polarity's")
     return lines

@@ -37,6 +37,10 @@ _MOST_ROUNDS: Final = 6
 _NEAR: Final = 1.6
 #: Groups of pixels that are left out in turn, for the error.
 _GROUPS: Final = 32
+#: A glance at effects alone, pixel seconds, before a recording as long as a low target asks for; and how far above
+#: the target their rate must be to end the search there: what is left of the reset is far below that.
+_GLANCE_PIXEL_S: Final = 4000.0
+_FAR_TOO_MANY: Final = 100.0
 #: The rate may be this far above the lasting one when counting begins.
 _EXCESS: Final = 0.01
 #: The matrix is left out where it would have more nodes: a second and more for each level of noise.
@@ -250,6 +254,7 @@ class _Search:
         """Return a level of noise with about the rate sought, from short recordings."""
         quiet, loud = self._theta / _QUIETEST, _LOUDEST_RMS
         low, high = quiet, loud
+        self._glance(quiet)
         share = min(1.0, _LOOK_EVENTS / _EVENTS)
         for look in range(_MOST_LOOKS):
             rate_hz = max(float(self.count(rms, look, share).sum()), 0.5) / (
@@ -271,6 +276,16 @@ class _Search:
             end = quiet if gap < 0.0 and low == quiet else loud if gap > 0.0 and high == loud else None
             rms = guess if inside else end if end is not None else math.sqrt(low * high)
         return rms
+
+    def _glance(self, quiet: float) -> None:
+        """Refuse a target far below the rate that effects alone give, before hours are spent to see it."""
+        seconds = _GLANCE_PIXEL_S / self._bench.pixels
+        if not self._bench.model.effects or seconds > self.wait_s + self.seconds:
+            return
+        counts = self._bench.counts(quiet, 0.5 * seconds, 0.5 * seconds, _MOST_LOOKS + 1)
+        rate_hz, low_hz, _ = rate_interval(counts, 0.5 * seconds)
+        if low_hz > _FAR_TOO_MANY * self._target_hz:
+            raise InputError(_without_noise(self._bench, rate_hz, self._target_hz))
 
 
 def _without_noise(bench: Bench, rate_hz: float, target_hz: float) -> str:

@@ -103,24 +103,38 @@ def _asked(header: RunHeader) -> list[Fact]:
     if isinstance(station, dict) and isinstance(station.get("name"), str):
         seed = header.everything.get("seed")
         facts.append(Fact("Station", station["name"] + (f", seed {seed}" if isinstance(seed, int) else "")))
-    for number, measurement in enumerate(protocol.get("measurements", ()) if isinstance(protocol, dict) else ()):
+    names: dict[str, list[str]] = {}
+    for measurement in protocol.get("measurements", ()) if isinstance(protocol, dict) else ():
         settings = measurement.get("settings") if isinstance(measurement, dict) else None
-        asked = ", ".join(_numbers(settings)) if isinstance(settings, dict) else ""
-        if asked and (number == 0 or asked != facts[-1].value):
-            facts.append(Fact("Settings asked", asked))
+        if isinstance(settings, dict) and (asked := ", ".join(_numbers(settings))):
+            names.setdefault(asked, []).append(str(measurement.get("name", "unnamed")))
+    for asked, those in names.items():
+        facts.append(Fact("Settings asked", asked if len(names) == 1 else f"{', '.join(those)}: {asked}"))
     return facts
 
 
-def _numbers(settings: dict[str, Any], prefix: str = "") -> list[str]:
-    """Return the numbers in nested settings as words: ``thresholds on 0.3, refractory period s 0.01``."""
+def _numbers(settings: dict[str, Any], prefix: str = "", unit: str = "") -> list[str]:
+    """Return the numbers in nested settings as words: ``thresholds ON 0.3 ln, refractory period 10 ms``."""
     told = []
     for key, value in settings.items():
-        name = f"{prefix}{str(key).replace('_', ' ')}"
+        stem, _, suffix = str(key).rpartition("_")
         if isinstance(value, dict):
-            told += _numbers(value, f"{name} ")
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            told.append(f"{name} {value:g}")
+            told += _numbers(value, f"{_words(str(key))} ", " ln" if key == "thresholds" else "")
+        elif not isinstance(value, int | float) or isinstance(value, bool):
+            continue
+        elif suffix == "s" and stem:
+            told.append(f"{prefix}{_words(stem)} {duration_label(value)}")
+        elif suffix == "hz" and stem:
+            told.append(f"{prefix}{_words(stem)} {value:g} Hz")
+        elif unit:
+            told.append(f"{prefix}{_words(str(key)).upper()} {value:g}{unit}")
+        else:
+            told.append(f"{prefix}{key} {value:g}")
     return told
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ")
 
 
 def _stimulus_facts(points: Sequence[_Summary]) -> list[Fact]:

@@ -187,7 +187,10 @@ def _file_of(folder: Path, entry: JournalEntry) -> Path:
     if not path.resolve().is_relative_to(folder.resolve()):
         raise RunError(f"{where}: point {entry.point}: {entry.file} lies outside the run folder")
     if not path.is_file():
-        raise RunError(f"{where}: point {entry.point} is done, but {entry.file} is not there")
+        raise RunError(
+            f"{where}: point {entry.point} is done, but {entry.file} is not there; bring it back, or take the run "
+            "again"
+        )
     return path
 
 

@@ -41,7 +41,10 @@ def draw_curves(result: StudyResult, panels: tuple[Panel, ...]) -> Figure | None
         for theta in sorted({_truth(result, c.of) for c in panel.curves}):
             ax.axvline(theta, color=style.INK, linestyle="--", linewidth=1.0, zorder=1)
         ax.set_title(panel.title, loc="left", fontweight="bold")
-        ax.legend(loc="lower right", handlelength=1.2)
+        if any(curve is not None for curve in curves):
+            ax.legend(loc="lower right", handlelength=1.2)
+        else:
+            ax.text(0.98, 0.04, "not run", transform=ax.transAxes, ha="right", va="bottom", color=style.INK)
     for ax in axes.ravel()[len(panels) :]:
         ax.set_visible(False)
     for ax in axes[:, 0]:

@@ -74,7 +74,7 @@ def test_summary_shows_the_thresholds_and_says_what_is_doubtful(analysis: Analys
     assert "0.250 [0.200, 0.300]" in text
     assert "upper" not in text
     assert "which of the two it is, these data do not tell" in text
-    assert "theta" in text
+    assert "there is no theta" in text
 
 
 def test_a_model_theta_has_its_own_column(analysis: Analysis) -> None:
@@ -84,6 +84,8 @@ def test_a_model_theta_has_its_own_column(analysis: Analysis) -> None:
     curve: SCurve = replace(analysis.curves[0], theta=theta, noise_rms=Estimate(0.04, 0.03, 0.05, "ln"))
     text = "\n".join(summary_lines(replace(analysis, curves=(curve,))))
     assert "0.271 [0.262, 0.281]" in text
+    assert "theta: fit of a noisy pixel" in text
+    assert "there is no theta" not in text
 
 
 def test_summary_of_an_empty_run_is_its_name(run: Any) -> None:

@@ -47,7 +47,9 @@ figures:
   - name: step
     title: The step
     caption: What is seen.
-    panels: [{title: Square wave, curves: [{of: ideal/square/on, label: ON}]}]
+    panels:
+      - {title: Square wave, curves: [{of: ideal/square/on, label: ON}]}
+      - {title: Beside it, curves: [{of: other/square/on, label: ON}]}
   - name: left_out
     title: Not run
     caption: Nothing.

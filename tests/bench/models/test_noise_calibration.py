@@ -108,6 +108,13 @@ def test_hot_pixels_that_give_more_than_the_target_are_named() -> None:
 
 
 @pytest.mark.slow
+def test_a_target_far_below_what_effects_give_is_refused_without_hours_of_counting() -> None:
+    model = pixel(200.0, 1e-2) + HotPixels(fraction=0.5, rate_hz=5.0)
+    with pytest.raises(InputError, match=r"already has 2\.\d+ Hz \(hot_pixels\), more than the 1e-05 Hz wanted"):
+        calibrate_noise(model, 1e-5, lux=10.0, pixels=64)
+
+
+@pytest.mark.slow
 def test_the_command_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     base = ["--corner-hz", "2000", "--theta-on", "0.3", "--theta-off", "0.3", "--refractory-s", "1e-3"]
     arguments = ["calibrate-noise", "--target-hz", "10", *base, "--pixels", "128"]

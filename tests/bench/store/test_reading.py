@@ -275,7 +275,7 @@ def test_without_a_journal_all_points_count(small_run: Path) -> None:
 @pytest.mark.parametrize(
     ("lines", "says"),
     [
-        ([_done(0, "points/000007.h5")], "is not there"),
+        ([_done(0, "points/000007.h5")], "is not there; bring it back"),
         ([_done(0, "../../etc/passwd")], "outside the run folder"),
         ([{"point": 0, "state": "done"}], "no file is named"),
     ],
