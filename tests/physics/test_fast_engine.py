@@ -95,6 +95,19 @@ def test_threads_and_the_window_change_nothing(name: str) -> None:
     assert not np.array_equal(take(FastEngine(), model, light, seed=2), expected)
 
 
+@pytest.mark.parametrize("tau_s", [0.0, 1e-3])
+@pytest.mark.parametrize("lux", [0.0, 1e-6])
+def test_light_that_goes_out_ends_at_the_lowest_current(lux: float, tau_s: float) -> None:
+    """Without a dark current the logarithm ends at 1e-4 fA, dozens of thresholds below, whoever computes."""
+    model = noisy(200.0, 1e-3, 5.0) + LightRiseTime(tau_s=tau_s)
+    light = LightHistory(np.array([0.0, 0.02]), np.array([LUX, lux]))
+    expected, found = (take(engine, model, light) for engine in (ReferenceEngine(), FastEngine()))
+    off, on = ([int(np.sum(e["p"] == p)) for e in (expected, found)] for p in (0, 1))
+    assert off[0] > 3 * ROI.pixels
+    for n, m in (off, on):
+        assert abs(n - m) < 4.5 * math.sqrt(n + m)
+
+
 def test_pixels_of_both_kinds_come_in_one_order() -> None:
     model = noisy(2000.0, 1e-3, 4.0) + ThresholdMismatch(sigma_on=0.03, sigma_off=0.03)
     light = square(0.3, 2)
