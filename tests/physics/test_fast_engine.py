@@ -126,6 +126,18 @@ def test_without_noise_the_events_are_those_of_the_reference_engine() -> None:
     assert np.array_equal(take(FastEngine(), model, light, seed=9), expected)
 
 
+def test_without_noise_no_answer_to_a_flash_is_missed() -> None:
+    """The output of two low-passes goes up and down again within less than the time constant of the slower one."""
+    model = PixelModel(noise_rms=0.0, corner_hz=50.0, theta_on=0.095, theta_off=0.095) + PhotoreceptorBandwidth(
+        hz_per_fa=1e4, max_hz=400.0
+    )
+    light = LightHistory(np.array([0.0, 0.02, 0.02012]), LUX * np.exp([0.0, 4.0, 0.0]))
+    roi = Roi(10, 20, 2, 2)
+    expected = take(ReferenceEngine(), model, light, roi)
+    assert len(expected) >= roi.pixels
+    assert np.array_equal(take(FastEngine(), model, light, roi), expected)
+
+
 @pytest.mark.parametrize("corner_hz", [200.0, 2000.0])
 def test_the_hazards_of_both_sides_add_up(corner_hz: float) -> None:
     """Two barriers, solved as such, against the sum of the table's two."""
