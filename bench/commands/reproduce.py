@@ -53,10 +53,12 @@ def command(
     """
     from bench.study.loading import load_study
     from bench.study.report import write_study_report
-    from bench.study.run import run_study
+    from bench.study.run import run_study, variants_of
 
     loaded = load_study(study)
     folder = out or Path(f"{Path(study).stem}-{'quick' if quick else 'full'}")
+    variants_of(loaded, only, quick=quick)
+    folder.mkdir(parents=True, exist_ok=True)  # that it cannot be written is said before, not after the work
     workforce = workforce_of(workers, cluster)
     result = run_study(loaded, seed=seed, quick=quick, only=only, workforce=workforce, progress=_told_now_and_then())
     say("drawing the report")

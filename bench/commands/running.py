@@ -72,10 +72,10 @@ def _with_the_same_effects() -> Callable[[], object] | None:
     """Return what a worker does first: it loads the user's own effects that are loaded here."""
     from functools import partial
 
-    from bench.models.effect_sources import load_effect_files, loaded_effect_files
+    from bench.models.effect_sources import load_same_effect_files, loaded_effect_files
 
-    files = [source.path for source in loaded_effect_files()]
-    return partial(load_effect_files, files) if files else None
+    files = [(source.path, source.sha256) for source in loaded_effect_files()]
+    return partial(load_same_effect_files, files) if files else None
 
 
 def take(

@@ -129,6 +129,8 @@ class Comparison:
         difference = np.array([p.measured - p.expected for p in mine])
         covariance = shared.covariance[np.ix_(chosen, chosen)] * (1.0 / shared.pixels + 1.0 / shared.simulated)
         t_squared, k = _mahalanobis(difference, covariance)
+        if not k:
+            return ChiSquare(0.0, 0, 1.0, squares)
         f = shared.simulated - 1
         if f - k - 1 <= 0:
             return ChiSquare(math.nan, k, math.nan, squares)
@@ -142,6 +144,10 @@ def within(points: Sequence[Compared], errors: float = 3.0) -> float:
 
 def _mahalanobis(difference: npt.NDArray[np.float64], covariance: npt.NDArray[np.float64]) -> tuple[float, int]:
     """Return ``d^T C^-1 d`` over the combinations that vary at all, and their number."""
+    varies = np.diag(covariance) > 0.0
+    difference, covariance = difference[varies], covariance[np.ix_(varies, varies)]
+    if not difference.size:
+        return 0.0, 0
     scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     kept = values > _NO_VARIANCE * values[-1]

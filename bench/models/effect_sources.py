@@ -8,13 +8,35 @@ from protocols.errors import InputError
 from sim_backend.pixel.effects import effect_source, load_effect_files, loaded_effect_files
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from sim_backend.pixel.effects import EffectSource
 
-__all__ = ["load_effect_files", "loaded_effect_files", "require_sources", "sources_in_use"]
+__all__ = [
+    "load_effect_files",
+    "load_same_effect_files",
+    "loaded_effect_files",
+    "require_sources",
+    "sources_in_use",
+]
 
 _SHOWN: Final = 12  # digits of a SHA-256 in a message
+
+
+def load_same_effect_files(files: Sequence[tuple[str, str]]) -> None:
+    """Load files in another process: each path with the SHA-256 that it had where the run was begun.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used, or is another than it was there.
+    """
+    for source, (path, sha256) in zip(load_effect_files(path for path, _ in files), files, strict=True):
+        if source.sha256 != sha256:
+            raise InputError(
+                f"{path}: is another file for this worker (SHA-256 {source.sha256[:_SHOWN]}) than when the run was "
+                f"begun ({sha256[:_SHOWN]}); expected the same"
+            )
 
 
 def sources_in_use(station: Mapping[str, Any]) -> list[dict[str, Any]]:

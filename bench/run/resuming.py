@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from bench.run.by_workers import require_simulated
 from bench.run.plan import plan_or_raise
 from bench.run.protocol_run import read_task
 from bench.run.runner import Crew, RunResult, carry_out, require_operator
+from bench.run.software import software_versions
 from bench.store.errors import RunError
 from bench.store.probe import probe
 from bench.store.reader import read_events, read_point
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["resume"]
 
 _log = logging.getLogger("evs_bench.run")
+#: What of the software has no say in the events.
+_NO_MATTER: Final = ("platform", "h5py", "pydantic")
 
 
 def resume(
@@ -40,7 +43,8 @@ def resume(
     """Take the points of the simulated run in `folder` that are not done.
 
     The protocol, the seeds and the station are those in its ``run.yaml``, so that all events are those of a run
-    that was never stopped. A whole file that has no ``done`` line is looked through and kept.
+    that was never stopped, with the same software; another is told. A whole file that has no ``done`` line is looked
+    through and kept.
 
     Parameters
     ----------
@@ -73,8 +77,21 @@ def resume(
             crew.progress.message(f"all {before} points of this run are done")
             return RunResult(folder, header.id, before, before, stopped=False)
         crew.progress.message(f"{before} of {len(planned)} points are done already")
+        _tell_other_software(header.everything.get("software"), crew.progress)
         done = before + carry_out(left, station, folder, lambda: writer, crew, resumed=True)
     return RunResult(folder, header.id, done, len(planned), stopped=done < len(planned), resumable=True)
+
+
+def _tell_other_software(begun: object, progress: Progress) -> None:
+    """Say so where the run was begun with other software: what is taken now may not be what would have been."""
+    if not isinstance(begun, dict):
+        return
+    now = software_versions()
+    names = [name for name in now if name not in _NO_MATTER and now[name] != begun.get(name)]
+    if names:
+        different = ", ".join(f"{name} {now[name]} instead of {begun.get(name)}" for name in names)
+        _log.warning("begun with other software: %s", different)
+        progress.message(f"begun with other software: {different}; the points that are left may have other events")
 
 
 def _adopt(writer: RunWriter, planned: Sequence[PlannedPoint], run: Run) -> None:

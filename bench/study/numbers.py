@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
 from bench.analysis.results import Estimate
@@ -98,16 +99,23 @@ def acceptable_noise(points: Sequence[BiasPoint]) -> list[str]:
 
 
 def _range(points: Sequence[BiasPoint]) -> str:
-    points = sorted(points, key=lambda p: p.noise_rms)
+    points = sorted((p for p in points if math.isfinite(p.bias.value)), key=lambda p: p.noise_rms)
+    if not points:
+        return "no intercept was found"
     good = [i for i, p in enumerate(points) if abs(p.bias.value) <= ACCEPTABLE]
     if not good:
         least = min(points, key=lambda p: abs(p.bias.value))
         return f"nowhere; the least bias is {least.bias.value:+.0%}, at {_noise(least)}"
-    first, last = good[0], good[-1]
-    text = (
-        f"up to {_noise(points[last])}" if first == 0 else f"from {_noise(points[first])} to {_noise(points[last])}"
-    )
-    return text if last < len(points) - 1 else f"{text}, the most that was taken"
+    stretches = [[i for _, i in run] for _, run in groupby(enumerate(good), key=lambda place: place[1] - place[0])]
+    text = ", and ".join(_stretch(points, run[0], run[-1]) for run in stretches)
+    return text if good[-1] < len(points) - 1 else f"{text}, the most that was taken"
+
+
+def _stretch(points: Sequence[BiasPoint], first: int, last: int) -> str:
+    """Return from where to where, in words; the first place that was taken is as good as no noise."""
+    if first == 0:
+        return f"up to {_noise(points[last])}"
+    return f"from {_noise(points[first])} to {_noise(points[last])}"
 
 
 def _noise(point: BiasPoint) -> str:

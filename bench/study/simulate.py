@@ -38,10 +38,9 @@ class _SimulatedPoint(PointData):
 
     def events(self, chunk: int = 1_000_000) -> Iterator[npt.NDArray[np.void]]:
         """Yield the events in order, at most `chunk` at a time."""
-        from sim_backend.pixel import LightHistory
+        from bench.models.simulation import recorded_light
 
-        light = LightHistory(self.stimulus_t_s, self.stimulus_lux)
-        for events in self.engine.events(self.chain, light, self.duration_s, self.seed):
+        for events in self.engine.events(self.chain, recorded_light(self), self.duration_s, self.seed):
             for start in range(0, len(events), chunk):
                 yield events[start : start + chunk]
 

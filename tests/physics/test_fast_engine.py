@@ -95,6 +95,19 @@ def test_threads_and_the_window_change_nothing(name: str) -> None:
     assert not np.array_equal(take(FastEngine(), model, light, seed=2), expected)
 
 
+@pytest.mark.parametrize("tau_s", [0.0, 1e-3])
+@pytest.mark.parametrize("lux", [0.0, 1e-6])
+def test_light_that_goes_out_ends_at_the_lowest_current(lux: float, tau_s: float) -> None:
+    """Without a dark current the logarithm ends at 1e-4 fA, dozens of thresholds below, whoever computes."""
+    model = noisy(200.0, 1e-3, 5.0) + LightRiseTime(tau_s=tau_s)
+    light = LightHistory(np.array([0.0, 0.02]), np.array([LUX, lux]))
+    expected, found = (take(engine, model, light) for engine in (ReferenceEngine(), FastEngine()))
+    off, on = ([int(np.sum(e["p"] == p)) for e in (expected, found)] for p in (0, 1))
+    assert off[0] > 3 * ROI.pixels
+    for n, m in (off, on):
+        assert abs(n - m) < 4.5 * math.sqrt(n + m)
+
+
 def test_pixels_of_both_kinds_come_in_one_order() -> None:
     model = noisy(2000.0, 1e-3, 4.0) + ThresholdMismatch(sigma_on=0.03, sigma_off=0.03)
     light = square(0.3, 2)
@@ -111,6 +124,18 @@ def test_without_noise_the_events_are_those_of_the_reference_engine() -> None:
     expected = take(ReferenceEngine(), model, light)
     assert len(expected) > 100
     assert np.array_equal(take(FastEngine(), model, light, seed=9), expected)
+
+
+def test_without_noise_no_answer_to_a_flash_is_missed() -> None:
+    """The output of two low-passes goes up and down again within less than the time constant of the slower one."""
+    model = PixelModel(noise_rms=0.0, corner_hz=50.0, theta_on=0.095, theta_off=0.095) + PhotoreceptorBandwidth(
+        hz_per_fa=1e4, max_hz=400.0
+    )
+    light = LightHistory(np.array([0.0, 0.02, 0.02012]), LUX * np.exp([0.0, 4.0, 0.0]))
+    roi = Roi(10, 20, 2, 2)
+    expected = take(ReferenceEngine(), model, light, roi)
+    assert len(expected) >= roi.pixels
+    assert np.array_equal(take(FastEngine(), model, light, roi), expected)
 
 
 @pytest.mark.parametrize("corner_hz", [200.0, 2000.0])

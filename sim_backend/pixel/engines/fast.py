@@ -35,7 +35,8 @@ def is_faster(chain: Chain, dt_s: float) -> npt.NDArray[np.bool_]:
     Without noise it is not. Nor is it for a pixel that has an event every few hundred samples: its two thresholds
     less than 8 rms apart, and few samples in a time constant.
     """
-    if chain.high_pass_hz > 0.0 or has_hooks(chain):
+    without_noise = chain.noise_rms == chain.slow_rms == chain.shot_factor == 0.0
+    if without_noise or chain.high_pass_hz > 0.0 or has_hooks(chain):
         return np.zeros(chain.pixels, np.bool_)
     if _has_more_than_one_pole(chain):
         return np.full(chain.pixels, chain.drift_per_s == chain.flicker_depth == 0.0)

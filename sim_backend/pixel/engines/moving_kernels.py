@@ -19,7 +19,9 @@ LONGEST_MOVING: Final = 256  #: samples of a block under moving light at the mos
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def follow(begin, moving, first_of_segment, lux, settled_lux, dark_lux, fade, rms, carried, out, lows, highs):  # type: ignore[no-untyped-def]
+def follow(  # type: ignore[no-untyped-def]
+    begin, moving, first_of_segment, lux, settled_lux, dark_lux, lowest_lux, fade, rms, carried, out, lows, highs
+):
     """Fill the table for the samples of a stretch.
 
     Parameters
@@ -34,6 +36,8 @@ def follow(begin, moving, first_of_segment, lux, settled_lux, dark_lux, fade, rm
         (m,) light on the chip, and where it will be.
     dark_lux
         (k,) dark currents, as light.
+    lowest_lux
+        The logarithm is taken of no less than this, dark current included.
     fade, rms
         Factor of the low-pass for a sample; rms of the noise, the unit of the table.
     carried
@@ -51,7 +55,8 @@ def follow(begin, moving, first_of_segment, lux, settled_lux, dark_lux, fade, rm
             if first_of_segment[n]:
                 value = 0.0
             if moving[n]:
-                away = math.log((lux[n] + dark_lux[k]) / (settled_lux[n] + dark_lux[k])) / rms
+                now, then = max(lux[n] + dark_lux[k], lowest_lux), max(settled_lux[n] + dark_lux[k], lowest_lux)
+                away = math.log(now / then) / rms
                 value = fade * value + (1.0 - fade) * away
             else:
                 value = 0.0

@@ -143,6 +143,7 @@ class _MovingLight:
         self._fade = fade
         self._rms = chain.noise_rms
         dark_lux = chain.dark_fa / chain.gain_fa_per_lux
+        self._lowest_lux = LOWEST_CURRENT_FA / float(np.max(chain.gain_fa_per_lux))
         self._dark_lux, self.place = _nodes(dark_lux, float(np.min(segments.lux)))
         self._carried = np.zeros(len(self._dark_lux))
         nothing = np.zeros((1, 1))
@@ -162,7 +163,8 @@ class _MovingLight:
         moving = (n > 0) & (n <= self._segments.until[segment])  # at t = 0 it is settled
         moving_kernels.follow(
             begin, moving, n == self._segments.first[segment], self._on_chip.lux(begin, stop),
-            self._segments.lux[segment], self._dark_lux, self._fade, self._rms, self._carried, table, lows, highs,
+            self._segments.lux[segment], self._dark_lux, self._lowest_lux, self._fade, self._rms, self._carried,
+            table, lows, highs,
         )  # fmt: skip
         self._carried = table[:, -2].copy()
         self.table = (table, lows, highs, begin)

@@ -20,6 +20,8 @@ LAST: Final = 1 << 61
 #: case after so many time constants: where it settles in the dark, the dark current settles it.
 _SETTLED_RMS: Final = 1e-4
 _MOST_TAUS: Final = 40.0
+#: Less light than this, lux, is none: any other level is more than exp(40) times as much.
+_DARK_LUX: Final = 1e-30
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ def segments_of(on_chip: ChipLight, noise_rms: float, dt_s: float) -> Segments:
         until = first - 1
         rise_tau_s = on_chip.rise_tau_s
         if rise_tau_s > 0.0:
-            floor = np.maximum(np.minimum(lux, on_chip.at_edge_lux), np.finfo(float).tiny)
+            floor = np.maximum(np.minimum(lux, on_chip.at_edge_lux), _DARK_LUX)
             away = np.abs(on_chip.at_edge_lux - lux) / floor
             taus = np.log(np.maximum(away / (_SETTLED_RMS * noise_rms), 1.0))
             until = until + np.ceil(np.minimum(taus, _MOST_TAUS) * rise_tau_s / dt_s).astype(np.int64)

@@ -111,3 +111,13 @@ def test_a_wrong_name_is_one_line(
     assert len(error) == 1
     assert says in error[0]
     assert not any(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_work(
+    study: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    assert run(["reproduce", study, "--quick", "--out", str(tmp_path / "file" / "report")]) != 0
+    error = capfd.readouterr().err
+    assert "simulations done" not in error
+    assert "report" in error

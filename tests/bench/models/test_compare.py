@@ -249,7 +249,7 @@ def test_a_run_without_points() -> None:
 def hand_made(
     difference: tuple[float, ...], covariance: npt.NDArray[np.float64], pixels: int, simulated: int
 ) -> Comparison:
-    errors = np.sqrt(np.diag(covariance))
+    errors = np.maximum(np.sqrt(np.diag(covariance)), 1e-3)  # at least one answer of all
     points = tuple(
         Compared(
             i,
@@ -288,6 +288,16 @@ def test_points_that_move_together_count_once() -> None:
     assert double.freedom == 1
     assert double.value == pytest.approx(single.value)
     assert double.sum_of_squares == pytest.approx(2.0 * single.sum_of_squares)
+
+
+def test_a_point_in_which_simulated_pixels_do_not_differ_does_not_silence_the_others() -> None:
+    """Pixels without noise may all answer every other pulse."""
+    alone = hand_made((0.2,), np.array([[0.04]]), 100, 400).chi_square()
+    both = hand_made((0.2, 0.0), np.diag([0.04, 0.0]), 100, 400).chi_square()
+    assert (both.value, both.freedom, both.p_value) == (alone.value, 1, alone.p_value)
+    assert alone.p_value < 1e-6
+    neither = hand_made((0.0,), np.array([[0.0]]), 100, 400).chi_square()
+    assert (neither.freedom, neither.p_value) == (0, 1.0)
 
 
 def test_too_few_pixels_for_so_many_points_give_no_number() -> None:

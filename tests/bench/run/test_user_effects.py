@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import pickle
 import shutil
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,11 @@ import pytest
 import yaml
 
 from bench import cli
+from bench.commands.running import workforce_of
 from bench.models.effect_sources import require_sources
 from bench.store import Run
 from protocols.errors import InputError
-from sim_backend.pixel.effects import forget_effect_files
+from sim_backend.pixel.effects import effects, forget_effect_files, load_effect_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -126,6 +128,19 @@ def test_the_run_is_repeated_with_the_same_file_only(taken: Path, capfd: pytest.
     assert run("rerun", "run", "--out", "third", "--effects", "my_effect.py") == 1
     assert ", but my_effect.py is another (" in capfd.readouterr().err
     assert not (taken / "third").exists()
+
+
+def test_a_worker_takes_no_other_file_than_the_run_was_begun_with(folder: Path) -> None:
+    """A worker that starts late, in place of one that died or on another machine, reads the file anew."""
+    file = folder / "my_effect.py"
+    load_effect_files([file])
+    setup = pickle.dumps(workforce_of(2, None).setup)
+    forget_effect_files()
+    pickle.loads(setup)()  # noqa: S301 - our own
+    assert "light_refractory" in effects()
+    file.write_text(EFFECT.replace("1.0 +", "2.0 +"))
+    with pytest.raises(InputError, match=r"my_effect.py: is another file for this worker \(SHA-256 [0-9a-f]{12}\)"):
+        pickle.loads(setup)()  # noqa: S301 - our own
 
 
 def test_without_its_file_nothing_is_taken(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -301,3 +301,22 @@ def test_a_file_that_is_too_large_for_the_network_is_told(
     job = PointJob(planned, quick.resolved, quick.name, planned.point.roi, None)
     with pytest.raises(RunError, match=r"point 4: its file has 0.00 GB, and a worker sends at most"):
         measure(job)
+
+
+@pytest.mark.parametrize("other", [True, False])
+def test_a_run_that_was_begun_with_other_software_is_told(
+    many: LoadedProtocol, quick: Station, tmp_path: Path, other: bool
+) -> None:
+    folder, told = tmp_path / "run", Telling()
+    run_protocol(many, quick, folder)
+    journal = folder / "journal.jsonl"
+    lines = [line for line in journal.read_text().splitlines() if '"point": 11' not in line]
+    journal.write_text("\n".join(lines[:-1]) + "\n")
+    (folder / "points" / "000011.h5").unlink()
+    header = yaml.safe_load((folder / "run.yaml").read_text())
+    if other:
+        header["software"]["numba"] = "0.1.0"
+    (folder / "run.yaml").write_text(yaml.safe_dump(header))
+    assert resume(folder, progress=told).done == 12
+    assert ("begun with other software: numba " in told.text) == other
+    assert ("instead of 0.1.0; the points that are left" in told.text) == other

@@ -47,6 +47,22 @@ def test_little_noise_may_be_too_little() -> None:
     assert line.endswith("from rms 0.05 (background 0.1 Hz) to rms 0.05 (background 0.1 Hz)")
 
 
+def test_noise_in_between_that_is_not_acceptable_is_left_out() -> None:
+    """The bias rises from nothing, beyond five per cent, and falls through zero again."""
+    values = [(0.01, 0.01), (0.02, 0.03), (0.03, 0.09), (0.04, math.nan), (0.05, 0.02), (0.06, -0.08)]
+    (line,) = acceptable_noise([bias(rms, 0.1, value) for rms, value in values])
+    up_to, between = line.split(": ")[1].split(", and ")
+    assert up_to == "up to rms 0.02 (background 0.1 Hz)"
+    assert between == "from rms 0.05 (background 0.1 Hz) to rms 0.05 (background 0.1 Hz)"
+
+
+def test_a_place_without_an_intercept_is_not_the_least_bias() -> None:
+    (line,) = acceptable_noise([bias(0.03, 0.1, math.nan), bias(0.05, 0.3, -0.2)])
+    assert line.endswith("nowhere; the least bias is -20%, at rms 0.05 (background 0.3 Hz)")
+    (line,) = acceptable_noise([bias(0.03, 0.1, math.nan)])
+    assert line.endswith("no intercept was found")
+
+
 def test_a_rate_of_nothing_is_given_as_its_limit_and_the_end_of_the_grid_is_said() -> None:
     (line,) = acceptable_noise([bias(0.03, 0.0, 0.01)])
     assert line.endswith("up to rms 0.03 (background less than 0.01 Hz), the most that was taken")
