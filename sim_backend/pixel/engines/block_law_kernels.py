@@ -162,35 +162,75 @@ def between(table, j, v0, p0, v1, p1):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bounds(table, j):  # type: ignore[no-untyped-def]
-    """Write by how much the expected output can leave the lines between its quarters, for each end's v and p."""
+    """Write by how much the expected output can leave the lines between its quarters, for each end's v and p.
+
+    It is looked at in equal parts, and at all halvings towards both ends: what a low-pass much faster than the block
+    does is over soon behind its start, or comes right before its end.
+    """
+    for which in range(4):
+        ends = np.zeros(4)  # v and p at the start, v and p at the end
+        ends[which] = 1.0
+        most = max(_in_parts(table, j, ends), _towards_ends(table, j, ends))
+        table[j, SLACK + which] = _BETWEEN_PARTS * most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _in_parts(table, j, ends):  # type: ignore[no-untyped-def]
+    """Return how far the expected output is from the lines between the quarters, at 2^DEPTH parts of a block."""
     depth = min(j, _DEPTH)
     parts = 1 << depth
     v, p = np.zeros(parts + 1), np.zeros(parts + 1)
-    for which in range(4):
-        v[:] = 0.0
-        p[:] = 0.0
-        if which == 0:
-            v[0] = 1.0
-        elif which == 1:
-            p[0] = 1.0
-        elif which == 2:
-            v[parts] = 1.0
-        else:
-            p[parts] = 1.0
-        step = parts
-        for level in range(depth):
-            for at in range(0, parts, step):
-                v[at + step // 2], p[at + step // 2] = between(
-                    table, j - level, v[at], p[at], v[at + step], p[at + step]
-                )
-            step //= 2
-        most = 0.0
-        quarter = parts // 4
-        for at in range(parts):
-            low = at // quarter * quarter
-            line = v[low] + (at - low) / quarter * (v[low + quarter] - v[low])
-            most = max(most, abs(v[at] - line))
-        table[j, SLACK + which] = _BETWEEN_PARTS * most
+    v[0], p[0], v[parts], p[parts] = ends
+    step = parts
+    for level in range(depth):
+        for at in range(0, parts, step):
+            w = at + step
+            v[at + step // 2], p[at + step // 2] = between(table, j - level, v[at], p[at], v[w], p[w])
+        step //= 2
+    most = 0.0
+    quarter = parts // 4
+    for at in range(parts):
+        low = at // quarter * quarter
+        line = v[low] + (at - low) / quarter * (v[low + quarter] - v[low])
+        most = max(most, abs(v[at] - line))
+    return most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _towards_ends(table, j, ends):  # type: ignore[no-untyped-def]
+    """Return the same at the halvings of the first and of the last quarter, towards the ends of the block.
+
+    Between two halvings stands the middle of both, so that no bump of one time constant falls in between.
+    """
+    most = 0.0
+    for first in range(2):
+        v0, p0, v1, p1 = ends
+        for k in range(2):  # the quarter at this end
+            vm, pm = between(table, j - k, v0, p0, v1, p1)
+            if first:
+                v1, p1 = vm, pm
+            else:
+                v0, p0 = vm, pm
+        left, right = v0, v1
+        share = 1.0
+        for level in range(j - 2, 0, -1):
+            vm, pm = between(table, level, v0, p0, v1, p1)
+            share *= 0.5
+            at = share if first else 1.0 - share
+            most = max(most, abs(vm - (left + at * (right - left))))
+            if level > 1:  # the middle of the half that is left behind
+                if first:
+                    vh, _ = between(table, level - 1, vm, pm, v1, p1)
+                    at = 1.5 * share
+                else:
+                    vh, _ = between(table, level - 1, v0, p0, vm, pm)
+                    at = 1.0 - 1.5 * share
+                most = max(most, abs(vh - (left + at * (right - left))))
+            if first:
+                v1, p1 = vm, pm
+            else:
+                v0, p0 = vm, pm
+    return most
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -218,8 +258,9 @@ def clearance(table, j, v0, p0, s0, v1, p1, s1, upper, lower):  # type: ignore[n
         + table[j, SLACK + 2] * abs(v1)
         + table[j, SLACK + 3] * abs(p1)
     )
-    high = max(max(max(v0, v1), max(q, r)), vm) + max(s0, s1)
-    low = min(min(min(v0, v1), min(q, r)), vm) + min(s0, s1)
+    # The slow noise is expected between its ends, or nearer to 0.
+    high = max(max(max(v0, v1), max(q, r)), vm) + max(max(s0, s1), 0.0)
+    low = min(min(min(v0, v1), min(q, r)), vm) + min(min(s0, s1), 0.0)
     return upper - high - slack, low - slack - lower
 
 
