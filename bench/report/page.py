@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bench.analysis.results import Analysis
     from bench.report.example import RunLike
 
-__all__ = ["Shown", "render"]
+__all__ = ["Shown", "render", "template"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ def render(run: RunLike, analysis: Analysis, figures: Sequence[Shown], csv_files
         Paths of the tables as CSV, relative to the page.
     """
     facts = facts_of(run)
-    return _template().render(
+    return template("report.html").render(
         title=run.header.title or run.header.id,
         run_id=run.header.id,
         headline=tables.headline(analysis, facts.points),
@@ -61,7 +61,8 @@ def render(run: RunLike, analysis: Analysis, figures: Sequence[Shown], csv_files
     )
 
 
-def _template() -> Template:
+def template(name: str) -> Template:
+    """Return one of the pages of this package, to be filled; a name that it uses and does not get is an error."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -71,4 +72,4 @@ def _template() -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html")
+    return environment.get_template(name)

@@ -34,13 +34,14 @@ def write_study_report(result: StudyResult, folder: Path) -> Path:
     the same versions of the libraries.
     """
     from bench.report.figures.style import house_style
+    from bench.report.page import template
     from bench.study.numbers import acceptable_noise, bias_points, recommendations, reset_points
 
     figures = folder / _FIGURES
     figures.mkdir(parents=True, exist_ok=True)
     with house_style():
         shown = list(_figures(result, figures))
-    page = _template().render(
+    page = template("study.html").render(
         result=result,
         study=result.study,
         findings=[f for f in result.findings if f.verdict != "not run"],
@@ -122,19 +123,6 @@ def _variants(result: StudyResult) -> list[dict[str, Any]]:
     return [
         {"variant": v, "seconds": sum(result.outcomes[v.name, s].seconds for s in v.stimuli)} for v in result.variants
     ]
-
-
-def _template() -> Any:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("bench.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("study.html")
 
 
 def _write_tables(result: StudyResult, folder: Path) -> list[str]:

@@ -105,11 +105,6 @@ class ChipLight:
         return np.asarray(drift * flicker * self._nd_factor[self._sampler.segments(start, stop)])
 
 
-def moves(chain: Chain) -> bool:
-    """Return whether source or filter make other light of the commanded one, beyond contrast and rise time."""
-    return _has_factor(chain) or len(chain.hooks.light) > 0
-
-
 def _has_factor(chain: Chain) -> bool:
     return not chain.drift_per_s == chain.flicker_depth == chain.nd_error_od == 0.0
 

@@ -265,12 +265,6 @@ def clearance(table, j, v0, p0, s0, v1, p1, s1, upper, lower):  # type: ignore[n
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def event_at(value, upper, lower):  # type: ignore[no-untyped-def]
-    """Return 1 for an ON event, -1 for an OFF event, 0 for none."""
-    return (1 if value >= upper else 0) - (1 if value <= lower else 0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def draw_end(table, slow, j, v, p, s, z, used):  # type: ignore[no-untyped-def]
     """Return the state at the end of a block; three normal numbers."""
     z0, z1 = np.float64(z[used]), np.float64(z[used + 1])

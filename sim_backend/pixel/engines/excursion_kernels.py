@@ -31,11 +31,10 @@ from sim_backend.pixel.engines.block_law_kernels import (
     STRICT,
     clearance,
     draw_middle,
-    event_at,
     normal_above,
     tail,
 )
-from sim_backend.pixel.engines.fast_kernels import DRAW_LANES, DRAWS, exponential, fill_draws
+from sim_backend.pixel.engines.fast_kernels import DRAW_LANES, DRAWS, event_at, exponential, fill_draws
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -25,12 +25,11 @@ from sim_backend.pixel.engines.block_law_kernels import (
     clearance,
     draw_end,
     draw_middle,
-    event_at,
     make_table,
     receptor,
 )
 from sim_backend.pixel.engines.excursion_kernels import first_crossing
-from sim_backend.pixel.engines.fast_kernels import DRAW_LANES, DRAWS, NEVER, exponential, fill_draws
+from sim_backend.pixel.engines.fast_kernels import DRAW_LANES, DRAWS, NEVER, event_at, exponential, fill_draws
 
 #: A level may come closer during a block by this part of its distance.
 _LOST_DISTANCE: Final = 0.5
