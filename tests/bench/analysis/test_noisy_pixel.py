@@ -220,6 +220,7 @@ def test_intervals_cover() -> None:
     assert np.std(pulls) > 0.5
 
 
+@cache
 def drawn(**change: object) -> list[ResponseRow]:
     return draw(replace(Bench(pixels=64), **change), seed=8)  # type: ignore[arg-type]
 
