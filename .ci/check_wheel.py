@@ -51,7 +51,7 @@ def use(wheel: Path, folder: Path) -> None:
     environment = folder / "venv"
     venv.create(environment, with_pip=True)
     tools = environment / ("Scripts" if sys.platform == "win32" else "bin")
-    pip = [tools / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
+    pip = [tools / "python", "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-compile"]
     subprocess.run([*pip, "-c", ROOT / "requirements.lock", wheel], check=True)
     elsewhere = folder / "elsewhere"
     elsewhere.mkdir()

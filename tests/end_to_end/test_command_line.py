@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from bench import cli
+
 COMMANDS = (
     "demo",
     "protocols",
@@ -59,18 +61,22 @@ def test_help_names_every_command(tmp_path: Path) -> None:
     assert done.stderr == ""
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_each_command_has_help_and_loads_nothing_heavy(command: str, tmp_path: Path) -> None:
+def test_each_command_has_help_and_loads_nothing_heavy(tmp_path: Path) -> None:
     code = (
-        "import sys; from bench.cli import run; code = run([sys.argv[1], '--help']);"
-        "heavy = {'numba', 'matplotlib', 'scipy', 'h5py', 'pydantic'} & set(sys.modules);"
-        "sys.exit(f'{heavy} were loaded' if heavy else code)"
+        "import sys\n"
+        "from bench.cli import run\n"
+        "for command in sys.argv[1:]:\n"
+        "    code = run([command, '--help'])\n"
+        "    heavy = {'numba', 'matplotlib', 'scipy', 'h5py', 'pydantic'} & set(sys.modules)\n"
+        "    if code or heavy:\n"
+        "        sys.exit(f'{command}: exit code {code}, {heavy} were loaded')\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, command], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code, *COMMANDS], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("Usage: evs-bench")
+    told = [line for line in done.stdout.splitlines() if line.startswith("Usage: evs-bench ")]
+    assert [line.split()[2] for line in told] == list(COMMANDS)
 
 
 @pytest.mark.parametrize(
@@ -93,11 +99,21 @@ def test_each_command_has_help_and_loads_nothing_heavy(command: str, tmp_path: P
     ],
     ids=" ".join,
 )
-def test_bad_input_is_one_line_and_exit_code_1(arguments: tuple[str, ...], tmp_path: Path) -> None:
-    done = evs_bench(*arguments, cwd=tmp_path)
-    assert done.returncode == 1
-    assert done.stdout == ""
-    assert len(done.stderr.splitlines()) == 1, done.stderr
+def test_bad_input_is_one_line_and_exit_code_1(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(list(arguments)) == 1
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert len(err.splitlines()) == 1, err
+    assert err.startswith("evs-bench: ")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_installed_command_gives_its_exit_code_and_one_line(tmp_path: Path) -> None:
+    done = evs_bench("run", "no_such_protocol", cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
     assert done.stderr.startswith("evs-bench: ")
     assert list(tmp_path.iterdir()) == []
 
@@ -125,17 +141,22 @@ def test_protocols_lists_and_copies_without_overwriting(tmp_path: Path) -> None:
     assert "exists already" in again.stderr
 
 
-@pytest.mark.slow
-def test_effects_are_listed_and_explained(tmp_path: Path) -> None:
-    listing = json.loads(evs_bench("effects", "--json", cwd=tmp_path).stdout)
+def test_effects_are_listed_and_explained(capfd: pytest.CaptureFixture[str]) -> None:
+    def told(*arguments: str) -> str:
+        assert cli.run(["effects", *arguments]) == 0
+        return capfd.readouterr().out
+
+    listing = json.loads(told("--json"))
     assert listing["format"] == "evs-bench-effects/1"
     names = [effect["id"] for effect in listing["effects"]]
     assert {"dark_current", "leak", "shot_noise", "trail_filter"} <= set(names)
-    assert all(name in evs_bench("effects", cwd=tmp_path).stdout for name in names)
-    told = evs_bench("effects", "leak", cwd=tmp_path).stdout
+    table = told()
+    assert all(name in table for name in names)
+    leak = told("leak")
     for part in ("rate_per_s", "ln/s", "D = V - V_ref + rate (t - t_reset)", "Source: ", "First sign: ON noise"):
-        assert part in told
-    assert "did you mean dark_current?" in evs_bench("effects", "dark_curent", cwd=tmp_path).stderr
+        assert part in leak
+    assert cli.run(["effects", "dark_curent"]) == 1
+    assert "did you mean dark_current?" in capfd.readouterr().err
 
 
 def test_a_closed_pipe_is_not_an_error(tmp_path: Path) -> None:

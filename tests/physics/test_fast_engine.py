@@ -81,7 +81,9 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "two poles")) for name in SETTINGS]
+)
 def test_threads_and_the_window_change_nothing(name: str) -> None:
     model, light = SETTINGS[name]
     expected = take(FastEngine(), model, light)

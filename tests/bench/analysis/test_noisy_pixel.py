@@ -143,7 +143,9 @@ def fitted(name: str) -> ThetaFit:
     return fit(simulate(bench, seed=11), armed_s=bench.armed_s)
 
 
-@pytest.mark.parametrize("name", list(BENCHES))
+@pytest.mark.parametrize(
+    "name", ["200 Hz", "mismatch", *(pytest.param(name, marks=pytest.mark.slow) for name in ("slow", "quiet"))]
+)
 def test_brute_force_arrays(name: str) -> None:
     bench, found = BENCHES[name], fitted(name)
     assert found.theta.value == pytest.approx(bench.theta, abs=3.0 * error_of(found.theta))
@@ -156,6 +158,7 @@ def test_brute_force_arrays(name: str) -> None:
     assert found.note.count("comparators taken to look every") == 1
 
 
+@pytest.mark.slow
 def test_thresholds_have_no_common_bias() -> None:
     off = np.array([fitted(name).theta.value / bench.theta - 1.0 for name, bench in BENCHES.items()])
     error = np.array([error_of(fitted(name).theta) / bench.theta for name, bench in BENCHES.items()])
@@ -220,10 +223,12 @@ def test_intervals_cover() -> None:
     assert np.std(pulls) > 0.5
 
 
+@cache
 def drawn(**change: object) -> list[ResponseRow]:
     return draw(replace(Bench(pixels=64), **change), seed=8)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_more_pixels_than_are_needed_are_represented_by_some(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bench.analysis.noisy_pixel._MOST_PIXELS", 64)
     rows = draw(Bench(pixels=96), seed=5)
@@ -232,9 +237,13 @@ def test_more_pixels_than_are_needed_are_represented_by_some(monkeypatch: pytest
     assert one.theta != other.theta
 
 
+@cache
+def fit_of_drawn() -> ThetaFit:
+    return fit(drawn(), other=KNOWN)
+
+
 def test_order_of_the_rows_does_not_matter() -> None:
-    rows = drawn()
-    assert fit(rows[::-1], other=KNOWN).theta == fit(rows, other=KNOWN).theta
+    assert fit(drawn()[::-1], other=KNOWN).theta == fit_of_drawn().theta
 
 
 def test_counts_that_do_not_fit_widen_the_interval() -> None:
@@ -242,7 +251,7 @@ def test_counts_that_do_not_fit_widen_the_interval() -> None:
     shaken = [
         replace(r, per_pixel=np.clip(r.per_pixel + (-1) ** j * (2 < j < 8), 0, r.pulses)) for j, r in enumerate(rows)
     ]
-    good, poor = fit(rows, other=KNOWN), fit(shaken, other=KNOWN)
+    good, poor = fit_of_drawn(), fit(shaken, other=KNOWN)
     assert poor.chi2_per_dof > 2.0
     assert "poor fit" in poor.note
     assert "poor fit" not in good.note

@@ -36,7 +36,7 @@ def _describe(folder: Path, *points: dict[str, Any], **more: Any) -> Path:
     return folder
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def square(data_folder: Path) -> PointData:
     """Return the point of the practice run with the strongest square wave of 20 slow periods."""
     run = Run.open(data_folder / "practice/practice_3")

@@ -111,7 +111,7 @@ def test_hot_pixels_that_give_more_than_the_target_are_named() -> None:
 def test_a_target_far_below_what_effects_give_is_refused_without_hours_of_counting() -> None:
     model = pixel(200.0, 1e-2) + HotPixels(fraction=0.5, rate_hz=5.0)
     with pytest.raises(InputError, match=r"already has 2\.\d+ Hz \(hot_pixels\), more than the 1e-05 Hz wanted"):
-        calibrate_noise(model, 1e-5, lux=10.0, pixels=64)
+        calibrate_noise(model, 1e-5, lux=10.0, pixels=64, dt_s=1e-4)
 
 
 @pytest.mark.slow

@@ -113,8 +113,7 @@ def test_key_results_stand_in_the_page(family_page: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_run_gives_the_same_bytes(family_page: Path, family_analysis: Analysis, run_of: Maker,
-                                           tmp_path: Path) -> None:  # fmt: skip
+def test_the_same_run_gives_the_same_bytes(family_analysis: Analysis, run_of: Maker, tmp_path: Path) -> None:
     smaller = with_changes(
         family_analysis, responses=family_analysis.responses[:30], curves=family_analysis.curves[:2]
     )

@@ -1,12 +1,13 @@
 """Runs a protocol of many points, with a camera that makes events up quickly, and waits to be killed.
 
-Usage: kill_script.py FOLDER [EVENTS]
-
-EVENTS is the most events of a point.
+Each line of standard input, ``EVENTS FOLDER``, asks for a run with at most so many events in a point. It has a
+process of its own, forked when all is imported: importing takes longer than the run. Its standard error is the named
+pipe ``FOLDER.stderr``. Standard output says its number, and its exit code when it is over.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 class QuickCamera(SimulatedCamera):
     """A camera whose events are noise from the seed of the recording: nothing to compile, nothing to wait for."""
 
-    most_events = int(sys.argv[2]) if len(sys.argv) > 2 else 20_000
+    most_events = 20_000
 
     def start(self, recording: Recording) -> None:
         super().start(recording)
@@ -48,6 +49,19 @@ class QuickCamera(SimulatedCamera):
             yield EventChunk(part, empty_triggers())
 
 
+def next_run() -> tuple[int, Path]:
+    """Fork a process for each line, in which this returns what it asks for."""
+    while line := sys.stdin.readline():
+        if number := os.fork():
+            print(number, flush=True)  # noqa: T201
+            print(os.waitstatus_to_exitcode(os.waitpid(number, 0)[1]), flush=True)  # noqa: T201
+            continue
+        events, _, folder = line.rstrip("\n").partition(" ")
+        os.dup2(os.open(f"{folder}.stderr", os.O_WRONLY), sys.stderr.fileno())
+        return int(events), Path(folder)
+    sys.exit()
+
+
 def main(folder: Path) -> None:
     """Take 300 points into `folder`."""
     text = PROTOCOL.replace("values: [0.5, 1.0]", "linspace: {start: 0.1, stop: 1.0, num: 300}")
@@ -56,4 +70,5 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    QuickCamera.most_events, asked = next_run()
+    main(asked)
