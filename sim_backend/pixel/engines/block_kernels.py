@@ -113,17 +113,18 @@ def block(w, upper, lower, samples, rate, factors, z, used):  # type: ignore[no-
     steepness = factors[samples, STEEPNESS]
     up_exponent = steepness * (up - w) * (up - end)
     down_exponent = steepness * (down + w) * (down + end)
-    # An exponential number beyond the exponent is a hit. What it is beyond it is an exponential number again.
+    # An exponential number beyond the exponent is a hit. What it is beyond it is an exponential number again. An end
+    # beyond the line has a negative exponent: a hit in any case, which says nothing of the number.
     if up_exponent <= _NO_HIT:
-        beyond = exponential(z, used) - up_exponent
+        beyond = exponential(z, used) - max(up_exponent, 0.0)
         used += 2
-        if beyond > 0.0:
+        if beyond >= 0.0:
             gone, w = behind_hit(w, end, up, samples, rate, factors, beyond, z, used)
             return gone, w, used + 4
     if down_exponent <= _NO_HIT:
-        beyond = exponential(z, used) - down_exponent
+        beyond = exponential(z, used) - max(down_exponent, 0.0)
         used += 2
-        if beyond > 0.0:
+        if beyond >= 0.0:
             gone, w = behind_hit(-w, -end, down, samples, rate, factors, beyond, z, used)
             return gone, -w, used + 4
     return samples, end, used
