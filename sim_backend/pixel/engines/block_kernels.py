@@ -38,7 +38,7 @@ _CLOSE_SAMPLES: Final = 12
 MOST_DRAWS: Final = 17  #: normal numbers of one step at the most
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def first_hit(x, y, span, z, e1, e2):  # type: ignore[no-untyped-def]
     """Return which part of its length has gone when a Brownian bridge first reaches zero, given that it does.
 
@@ -64,7 +64,7 @@ def first_hit(x, y, span, z, e1, e2):  # type: ignore[no-untyped-def]
     return 1.0 / (1.0 + inverse)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def behind_hit(w, end, c, samples, rate, factors, e, z, used):  # type: ignore[no-untyped-def]
     """Return the samples to the first one behind the hit of the line of level c from below, and the output there.
 
@@ -81,7 +81,7 @@ def behind_hit(w, end, c, samples, rate, factors, e, z, used):  # type: ignore[n
     return gone, fade * line + math.sqrt(max(variance, 0.0)) * np.float64(z[used + 3])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def block(w, upper, lower, samples, rate, factors, z, used):  # type: ignore[no-untyped-def]
     """Take an armed pixel up to `samples` on, or to the first sample behind the first time at which it may cross.
 
@@ -130,7 +130,7 @@ def block(w, upper, lower, samples, rate, factors, z, used):  # type: ignore[no-
     return samples, end, used
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def inverse_reach(level):  # type: ignore[no-untyped-def]
     """Return one over the distance from a level at which a block may last a time constant.
 
@@ -145,14 +145,14 @@ def inverse_reach(level):  # type: ignore[no-untyped-def]
     return 1.0 / (_FAR * max(level, 0.0) - _NEAR * min(level, 0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def choose_block(w, upper, lower, most, scale):  # type: ignore[no-untyped-def]
     """Return the samples of the next block, from 1 to `most`."""
     squared = min((upper - w) * inverse_reach(upper), (w - lower) * inverse_reach(-lower))
     return max(int(min(scale * math.sqrt(max(squared, 0.0)), float(most))), 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def one_by_one(w, upper, lower, samples, factors, z, used):  # type: ignore[no-untyped-def]
     """Take an armed pixel to the first sample beyond a level, or `samples` on; as :func:`block`."""
     fade = factors[1, FADE]
@@ -165,13 +165,12 @@ def one_by_one(w, upper, lower, samples, factors, z, used):  # type: ignore[no-u
     return samples, w, used
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def until_event(w, upper, lower, most, longest, rate, factors, z, used):  # type: ignore[no-untyped-def]
     """Take an armed pixel to its next event, or `most` samples on, or to where normal numbers run out.
 
     Both levels stay where they are. `longest` is that of a block; otherwise as :func:`block`.
     """
-    scale = 1.0 / rate
     to_upper = inverse_reach(upper)
     to_lower = inverse_reach(-lower)
     close = _CLOSE_STEPS * factors[1, SPREAD]
@@ -183,8 +182,10 @@ def until_event(w, upper, lower, most, longest, rate, factors, z, used):  # type
         if min(above, below) < close:
             took, w, used = one_by_one(w, upper, lower, min(left, _CLOSE_SAMPLES), factors, z, used)
         else:
-            wanted = scale * math.sqrt(min(above * to_upper, below * to_lower))
-            samples = max(int(min(wanted, float(left))), 1)
+            squared = min(above * to_upper, below * to_lower)
+            samples = left
+            if squared < (rate * left) ** 2:
+                samples = max(int(math.sqrt(squared) / rate), 1)
             took, w, used = block(w, upper, lower, samples, rate, factors, z, used)
         gone += took
         if w >= upper or w <= lower:

@@ -21,7 +21,7 @@ DRAWS: Final = 4 * DRAW_LANES  #: normal numbers in store for a pixel
 _U32 = np.uint32
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def fill_draws(pixel, counter, key0, key1, words, z):  # type: ignore[no-untyped-def]
     """Write the normal numbers of the next DRAW_LANES counters of a pixel."""
     for lane in range(DRAW_LANES):
@@ -40,7 +40,7 @@ def fill_draws(pixel, counter, key0, key1, words, z):  # type: ignore[no-untyped
         z[3 * DRAW_LANES + lane] = z3
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def exponential(z, used):  # type: ignore[no-untyped-def]
     """Return an exponential number of mean 1, half the squared radius of the two normal ones at `used`."""
     a = np.float64(z[used])

@@ -65,13 +65,13 @@ _KEPT_DISTANCE: Final = 0.5
 _KEPT_LENGTHS: Final = 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def event_at(value, upper, lower):  # type: ignore[no-untyped-def]
     """Return 1 for an ON event, -1 for an OFF event, 0 for none."""
     return (1 if value >= upper else 0) - (1 if value <= lower else 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def block_under_moving_light(w, now, on_level, off_level, slope, most, scale, place, column, lows, highs):  # type: ignore[no-untyped-def]
     """Return the samples of the next block, and both levels for w where they are nearest in it.
 
@@ -91,13 +91,13 @@ def block_under_moving_light(w, now, on_level, off_level, slope, most, scale, pl
         samples = (samples + 1) // 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def nearest(upper, lower, slope, samples):  # type: ignore[no-untyped-def]
     """Return both levels where a leak takes them nearest to the pixel in a block."""
     return upper - max(slope, 0.0) * samples, lower - min(slope, 0.0) * samples
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # type: ignore[no-untyped-def]
     """Return whether a block is fit for levels that come as near as `upper` and `lower` in it.
 
@@ -109,7 +109,7 @@ def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # typ
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 def run_pixels(  # type: ignore[no-untyped-def]
     begin, stop, light, rate, rms, settle, key, lowest, reset, sensor, factors, tables, moving, state, events
 ):
@@ -140,12 +140,12 @@ def run_pixels(  # type: ignore[no-untyped-def]
     factors
         (longest + 1, FACTORS) what a block of n samples needs.
     tables
-        Logarithm of the rate (1, b), law inside (b, z) and law beyond (b, z).
+        (b, RATES) rates, law inside (b, z) and law beyond (b, z).
     moving
         Table, lows and highs of :func:`~sim_backend.pixel.engines.moving_kernels.follow`; (m,) shift of each segment;
         while the light moves, no step goes beyond a multiple of so many samples, up to which the table is filled.
     state
-        (n, WHOLE), (n, REAL), (n, DRAWS): state of each pixel, and normal numbers. Changed.
+        (n, WHOLE), (n, REAL), (n, DRAWS): state of each pixel, and normal numbers; room for DRAWS uint32. Changed.
     events
         (e,) int64: ``(sample * pixels + rank) * 2 + polarity``, so that their order is that of time. Written.
 
@@ -153,14 +153,13 @@ def run_pixels(  # type: ignore[no-untyped-def]
     -------
     The index of the pixel to go on with, and the number of events.
     """
-    words = np.empty(DRAWS, np.uint32)
     first, until, lux, leaks = light
     key0, key1 = key
     pixels, fixed, dead, pixel, rank, longest = sensor
     scale = 1.0 / rate
-    log_rate, inside, beyond = tables
+    rates, inside, beyond = tables
     table, lows, highs, shifts, unit = moving
-    whole, real, store = state
+    whole, real, store, words = state
     count = 0
     for i in range(begin, len(pixel)):
         at, wake, segment = whole[i, AT], whole[i, WAKE], whole[i, SEGMENT]
@@ -233,7 +232,7 @@ def run_pixels(  # type: ignore[no-untyped-def]
                     samples = max(min(samples, int(_JUMP_DRIFT / abs(slope))), 1)
                 half = 0.5 * slope * samples
                 gone, w, used, event = jump(
-                    on_level - half, off_level - half, samples, log_rate, inside, beyond, z, used
+                    on_level - half, off_level - half, samples, rates, inside, beyond, z, used
                 )
                 at += gone
                 on_level -= slope * gone

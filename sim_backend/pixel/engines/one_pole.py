@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from sim_backend.pixel.chain import LOWEST_CURRENT_FA, pixel_ids
+from sim_backend.pixel.engines.hazard import B_FIRST, B_STEP, hazard_table
 from sim_backend.pixel.engines.moving_light import MovingLight
 from sim_backend.pixel.engines.segments import LAST, segments_of
 from sim_backend.pixel.engines.stretches import UNIT, places, room_for
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sim_backend.pixel.chain import Chain
+    from sim_backend.pixel.engines.hazard import HazardTable
     from sim_backend.pixel.light import LightHistory
 
     Floats = npt.NDArray[np.float64]
@@ -70,7 +72,7 @@ class OnePole:
     def advance(self, pixels: slice, stop: int) -> npt.NDArray[np.int64]:
         """Take some pixels to sample `stop` - 1 or beyond, and return their events."""
         sensor = (self.chain.pixels, *(a[pixels] for a in self._sensor))
-        state = tuple(a[pixels] for a in self._state)
+        state = (*(a[pixels] for a in self._state), np.empty(self._kernels.DRAWS, np.uint32))
 
         def run(i: int, room: npt.NDArray[np.int64]) -> tuple[int, int]:
             found: tuple[int, int] = self._kernels.run_pixels(
@@ -105,11 +107,9 @@ class OnePole:
     def _hazard(self) -> tuple[int, tuple[Floats, ...]]:
         """Return after how many samples the table of rates holds, and the table."""
         if self._rate < _TABLE_RATE:
-            return LAST, (np.zeros((1, 2)), np.zeros((2, 2)), np.zeros((2, 2)))
-        from sim_backend.pixel.engines.hazard import hazard_table
-
+            return LAST, (np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2)))
         table = hazard_table(math.exp(-self._rate))
-        return math.ceil(_SETTLE_TAUS / self._rate), (table.log_rate[None, :], table.inside, table.beyond)
+        return math.ceil(_SETTLE_TAUS / self._rate), (_rates(table), table.inside, table.beyond)
 
     def _start(self, lux: float) -> None:
         """Put all pixels at t = 0: settled at the first light, memorised, armed."""
@@ -138,6 +138,17 @@ class OnePole:
         real[:, k.ON_LEVEL] = memorised + fixed[:, k.ON]
         real[:, k.OFF_LEVEL] = memorised - fixed[:, k.OFF]
         self._state = (whole, real, store)
+
+
+def _rates(table: HazardTable) -> Floats:
+    """Return the table of rates, as the kernels take it."""
+    from sim_backend.pixel.engines import jump_kernels as k
+
+    rates = np.full((len(table.log_rate), k.RATES), np.inf)
+    b = B_FIRST + B_STEP * np.arange(len(rates))
+    rates[:, k.LOG_RATE] = table.log_rate
+    rates[:-1, k.MOST] = np.exp(np.maximum(table.log_rate[:-1], table.log_rate[1:]) - 0.5 * b[:-1] ** 2)
+    return rates
 
 
 def block_factors(rate: float) -> Floats:
