@@ -171,6 +171,7 @@ def until_event(w, upper, lower, most, longest, rate, factors, z, used):  # type
 
     Both levels stay where they are. `longest` is that of a block; otherwise as :func:`block`.
     """
+    scale = 1.0 / rate
     to_upper = inverse_reach(upper)
     to_lower = inverse_reach(-lower)
     close = _CLOSE_STEPS * factors[1, SPREAD]
@@ -185,7 +186,7 @@ def until_event(w, upper, lower, most, longest, rate, factors, z, used):  # type
             squared = min(above * to_upper, below * to_lower)
             samples = left
             if squared < (rate * left) ** 2:
-                samples = max(int(math.sqrt(squared) / rate), 1)
+                samples = max(int(scale * math.sqrt(squared)), 1)
             took, w, used = block(w, upper, lower, samples, rate, factors, z, used)
         gone += took
         if w >= upper or w <= lower:
