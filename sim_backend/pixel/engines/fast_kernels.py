@@ -65,13 +65,13 @@ _KEPT_DISTANCE: Final = 0.5
 _KEPT_LENGTHS: Final = 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def event_at(value, upper, lower):  # type: ignore[no-untyped-def]
     """Return 1 for an ON event, -1 for an OFF event, 0 for none."""
     return (1 if value >= upper else 0) - (1 if value <= lower else 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def block_under_moving_light(w, now, on_level, off_level, slope, most, scale, place, column, lows, highs):  # type: ignore[no-untyped-def]
     """Return the samples of the next block, and both levels for w where they are nearest in it.
 
@@ -91,22 +91,24 @@ def block_under_moving_light(w, now, on_level, off_level, slope, most, scale, pl
         samples = (samples + 1) // 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def nearest(upper, lower, slope, samples):  # type: ignore[no-untyped-def]
     """Return both levels where a leak takes them nearest to the pixel in a block."""
     return upper - max(slope, 0.0) * samples, lower - min(slope, 0.0) * samples
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
 def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # type: ignore[no-untyped-def]
     """Return whether a block is fit for levels that come as near as `upper` and `lower` in it.
 
     Otherwise it would be hit for nothing, or its line might lie behind the pixel.
     """
-    return samples == 1 or (
-        min(upper - w, w - lower) >= _KEPT_DISTANCE * min(on_level - w, w - off_level)
-        and choose_block(w, upper, lower, samples, scale) * _KEPT_LENGTHS >= samples
-    )
+    if samples == 1:
+        return True
+    if min(upper - w, w - lower) < _KEPT_DISTANCE * min(on_level - w, w - off_level):
+        return False
+    # Levels on both sides of zero: what is kept of the distance is enough for the length.
+    return upper >= 0.0 >= lower or choose_block(w, upper, lower, samples, scale) * _KEPT_LENGTHS >= samples
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False)

@@ -30,8 +30,8 @@ __all__ = ["OnePole", "block_factors"]
 _SETTLE_TAUS: Final = 6.0
 #: Below this ratio of sample to time constant blocks alone are as fast as the table, and the table would be large.
 _TABLE_RATE: Final = 2e-3
-#: Longest block, in time constants and in samples.
-_LONGEST_TAUS: Final = 2.0
+#: Longest block, in time constants (three make up a little more than the time until the table holds) and in samples.
+_LONGEST_TAUS: Final = 2.1
 _LONGEST_SAMPLES: Final = 20000
 #: A block lasts no more than the square of the distance of both levels, in rms, over this:
 #: no path goes from one to the other in it.

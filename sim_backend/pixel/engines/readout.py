@@ -129,18 +129,14 @@ class Readout:
 
 def _stamp(events: Events) -> Events:
     """Return events as `EVENT_DTYPE`, in order of time, row and column."""
+    from sim_backend.pixel.engines.readout_kernels import is_in_order
+
     stamped = np.empty(len(events), EVENT_DTYPE)
     stamped["t"] = np.rint(events["t_us"])
     for name in ("x", "y", "p"):
         stamped[name] = events[name]
-    return stamped if _is_in_order(stamped) else stamped[np.lexsort([stamped[name] for name in ("p", "x", "y", "t")])]
-
-
-def _is_in_order(stamped: Events) -> bool:
-    """Return whether events are in order of time, row, column and polarity, as most engines' are already."""
-    t = stamped["t"]
-    address = (stamped["y"].astype(np.int64) << 17) | (stamped["x"].astype(np.int64) << 1) | stamped["p"]
-    return bool(np.all((t[1:] > t[:-1]) | ((t[1:] == t[:-1]) & (address[1:] >= address[:-1]))))
+    # Those of most engines are already.
+    return stamped if is_in_order(stamped) else stamped[np.lexsort([stamped[name] for name in ("p", "x", "y", "t")])]
 
 
 def _stages(chain: Chain, seed: int, duration_us: float) -> list[_Stage]:

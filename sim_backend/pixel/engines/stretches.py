@@ -105,10 +105,8 @@ def _as_events(
     dt_s
         Length of a sample, s.
     """
-    sample, place = np.divmod(found >> 1, len(column))
+    from sim_backend.pixel.engines.readout_kernels import write_events
+
     events = np.empty(len(found), TIMED_DTYPE)
-    events["t_us"] = sample * (dt_s * _US_PER_S)
-    events["x"] = column[place]
-    events["y"] = row[place]
-    events["p"] = found & 1
+    write_events(found, column, row, dt_s * _US_PER_S, events)
     return events
