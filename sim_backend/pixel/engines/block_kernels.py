@@ -135,7 +135,7 @@ def inverse_reach(level):  # type: ignore[no-untyped-def]
     """Return one over the distance from a level at which a block may last a time constant.
 
     For a level on this side of zero the line leaves it at both ends, by half of the pixel's distance at the most:
-    ``x^2 <= 2 distance / |level|``. Beyond zero it leaves it only inside the block, and ``x^2 <= 10 distance / level``
+    ``x^2 <= 2 distance / |level|``. Beyond zero it leaves it only inside; ``x^2 <= 10 distance / level``
     was fastest.
 
     Parameters

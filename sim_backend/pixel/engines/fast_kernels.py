@@ -61,8 +61,9 @@ FIXED: Final = 6  #: how many columns
 _JUMP_DRIFT: Final = 0.02
 #: Of the distance to a level that moves in a block, at least this part is kept.
 _KEPT_DISTANCE: Final = 0.5
-#: and the block must not be more than this many times as long as one that is chosen for the nearer levels.
-_KEPT_LENGTHS: Final = 2
+#: and the block must not be more than this many times as long as one that is chosen for the nearer levels. For twice
+#: as long a one, the line within a level on this side of zero would be behind the pixel.
+_KEPT_LENGTHS: Final = 1.5
 
 
 @njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
