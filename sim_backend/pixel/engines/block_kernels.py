@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit
 from sim_backend.pixel.engines.draws_kernels import DRAWS, exponential
 
 # Columns of what a block of n samples needs, x its length in time constants
@@ -38,7 +38,7 @@ _CLOSE_SAMPLES: Final = 16
 MOST_DRAWS: Final = 17  #: normal numbers of one step at the most
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def first_hit(x, y, span, z, e1, e2):  # type: ignore[no-untyped-def]
     """Return which part of its length has gone when a Brownian bridge first reaches zero, given that it does.
 
@@ -64,7 +64,7 @@ def first_hit(x, y, span, z, e1, e2):  # type: ignore[no-untyped-def]
     return 1.0 / (1.0 + inverse)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def behind_hit(w, end, c, samples, rate, factors, e, z, used):  # type: ignore[no-untyped-def]
     """Return the samples to the first one behind the hit of the line of level c from below, and the output there.
 
@@ -81,7 +81,7 @@ def behind_hit(w, end, c, samples, rate, factors, e, z, used):  # type: ignore[n
     return gone, fade * line + math.sqrt(max(variance, 0.0)) * np.float64(z[used + 3])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def block(w, upper, lower, samples, rate, factors, z, used):  # type: ignore[no-untyped-def]
     """Take an armed pixel up to `samples` on, or to the first sample behind the first time at which it may cross.
 
@@ -130,7 +130,7 @@ def block(w, upper, lower, samples, rate, factors, z, used):  # type: ignore[no-
     return samples, end, used
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def inverse_reach(level):  # type: ignore[no-untyped-def]
     """Return one over the distance from a level at which a block may last a time constant.
 
@@ -146,14 +146,14 @@ def inverse_reach(level):  # type: ignore[no-untyped-def]
     return 1.0 / (_FAR * max(level, 0.0) - _NEAR * min(level, 0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def choose_block(w, upper, lower, most, scale):  # type: ignore[no-untyped-def]
     """Return the samples of the next block, from 1 to `most`."""
     squared = min((upper - w) * inverse_reach(upper), (w - lower) * inverse_reach(-lower))
     return max(int(min(scale * math.sqrt(max(squared, 0.0)), float(most))), 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def one_by_one(w, upper, lower, samples, factors, z, used):  # type: ignore[no-untyped-def]
     """Take an armed pixel to the first sample beyond a level, or `samples` on; as :func:`block`."""
     fade = factors[1, FADE]
@@ -166,7 +166,7 @@ def one_by_one(w, upper, lower, samples, factors, z, used):  # type: ignore[no-u
     return samples, w, used
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@lean_njit()
 def until_event(w, upper, lower, most, longest, rate, factors, z, used):  # type: ignore[no-untyped-def]
     """Take an armed pixel to its next event, or `most` samples on, or to where normal numbers run out.
 

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit
 from sim_backend.pixel.engines.reference_kernels import normal_pair, philox4x32
 
 PURPOSE_FAST: Final = 2  #: third word of the counter
@@ -21,7 +21,7 @@ DRAWS: Final = 4 * DRAW_LANES  #: normal numbers in store for a pixel
 _U32 = np.uint32
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@lean_njit()
 def fill_draws(pixel, counter, key0, key1, words, z):  # type: ignore[no-untyped-def]
     """Write the normal numbers of the next DRAW_LANES counters of a pixel."""
     for lane in range(DRAW_LANES):
@@ -40,7 +40,7 @@ def fill_draws(pixel, counter, key0, key1, words, z):  # type: ignore[no-untyped
         z[3 * DRAW_LANES + lane] = z3
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@lean_njit()
 def exponential(z, used):  # type: ignore[no-untyped-def]
     """Return an exponential number of mean 1, half the squared radius of the two normal ones at `used`."""
     a = np.float64(z[used])

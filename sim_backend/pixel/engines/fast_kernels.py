@@ -22,7 +22,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit
 from sim_backend.pixel.engines.block_kernels import MOST_DRAWS, block, choose_block, until_event
 from sim_backend.pixel.engines.draws_kernels import DRAW_LANES, DRAWS, fill_draws
 from sim_backend.pixel.engines.jump_kernels import jump, table_holds
@@ -66,13 +66,13 @@ _KEPT_DISTANCE: Final = 0.5
 _KEPT_LENGTHS: Final = 1.5
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def event_at(value, upper, lower):  # type: ignore[no-untyped-def]
     """Return 1 for an ON event, -1 for an OFF event, 0 for none."""
     return (1 if value >= upper else 0) - (1 if value <= lower else 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def block_under_moving_light(w, now, on_level, off_level, slope, most, scale, place, column, lows, highs):  # type: ignore[no-untyped-def]
     """Return the samples of the next block, and both levels for w where they are nearest in it.
 
@@ -92,13 +92,13 @@ def block_under_moving_light(w, now, on_level, off_level, slope, most, scale, pl
         samples = (samples + 1) // 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def nearest(upper, lower, slope, samples):  # type: ignore[no-untyped-def]
     """Return both levels where a leak takes them nearest to the pixel in a block."""
     return upper - max(slope, 0.0) * samples, lower - min(slope, 0.0) * samples
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # type: ignore[no-untyped-def]
     """Return whether a block is fit for levels that come as near as `upper` and `lower` in it.
 
@@ -112,7 +112,7 @@ def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # typ
     return upper >= 0.0 >= lower or choose_block(w, upper, lower, samples, scale) * _KEPT_LENGTHS >= samples
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@lean_njit()
 def run_pixels(  # type: ignore[no-untyped-def]
     begin, stop, light, rate, rms, settle, key, lowest, reset, sensor, factors, tables, moving, state, events
 ):

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit
 from sim_backend.pixel.engines.draws_kernels import exponential
 from sim_backend.pixel.engines.hazard import B_FIRST, B_LAST, B_STEP, Z_LAST, Z_STEP
 
@@ -24,7 +24,7 @@ _B_ROWS: Final = 1.0 / B_STEP  #: of the table, to 1 rms
 _Z_COLUMNS: Final = 1.0 / Z_STEP
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def row_of(b, rows):  # type: ignore[no-untyped-def]
     """Return which row of a table is before barrier b, and what part of a row b is behind it."""
     x = (min(b, B_LAST) - B_FIRST) * _B_ROWS
@@ -32,7 +32,7 @@ def row_of(b, rows):  # type: ignore[no-untyped-def]
     return row, x - row
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def from_normal(table, b, z):  # type: ignore[no-untyped-def]
     """Return the number that the table of a law has for barrier b at the normal number z."""
     row, part = row_of(b, len(table))
@@ -44,7 +44,7 @@ def from_normal(table, b, z):  # type: ignore[no-untyped-def]
     return low + part * (high - low)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@lean_njit()
 def hazard(rates, b):  # type: ignore[no-untyped-def]
     """Return the hazard of a crossing, per sample, of a pixel that has long been quiet."""
     if b > B_LAST:
@@ -54,19 +54,19 @@ def hazard(rates, b):  # type: ignore[no-untyped-def]
     return math.exp(low + part * (rates[row + 1, LOG_RATE] - low) - 0.5 * b * b)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def most_hazard(rates, b):  # type: ignore[no-untyped-def]
     """Return what :func:`hazard` does not exceed; cheaper, and up to twice as much."""
     return 0.0 if b > B_LAST else rates[row_of(b, len(rates))[0], MOST]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def table_holds(upper, lower):  # type: ignore[no-untyped-def]
     """Return whether the table of rates may be used between these levels: one near at the most, both far apart."""
     return min(upper, -lower) >= B_FIRST and max(upper, -lower) >= FURTHER and upper - lower >= APART
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def quiet_output(upper, lower, inside, z):  # type: ignore[no-untyped-def]
     """Return the output of a pixel that has long not crossed, at the normal number z."""
     w = z
@@ -77,7 +77,7 @@ def quiet_output(upper, lower, inside, z):  # type: ignore[no-untyped-def]
     return w
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@lean_njit()
 def jump(upper, lower, samples, rates, inside, beyond, z, used):  # type: ignore[no-untyped-def]
     """Take a quiet pixel to its next event, or `samples` on.
 

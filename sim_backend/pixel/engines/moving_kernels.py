@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit, njit
 
 CELL: Final = 16  #: samples for which the extremes are kept together
 LONGEST_MOVING: Final = 256  #: samples of a block under moving light at the most
@@ -63,7 +63,7 @@ def follow(  # type: ignore[no-untyped-def]
             value = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def between_nodes(table, place, column):  # type: ignore[no-untyped-def]
     """Return a column of the table for a pixel at this place between its rows."""
     row = int(place)
@@ -74,7 +74,7 @@ def between_nodes(table, place, column):  # type: ignore[no-untyped-def]
     return low + part * (table[row + 1, column] - low)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False, forceinline=True)
+@lean_njit(forceinline=True)
 def extremes(lows, highs, place, after, until):  # type: ignore[no-untyped-def]
     """Return the lowest and highest value that a pixel may have in the columns from `after` + 1 to `until`."""
     low = np.inf

@@ -94,10 +94,11 @@ def write_events(found, column, row, to_us, events):  # type: ignore[no-untyped-
 @njit(cache=True, nogil=True, error_model="numpy")
 def is_in_order(events):  # type: ignore[no-untyped-def]
     """Return whether events of EVENT_DTYPE are in order of time, row, column and polarity."""
-    before = (np.iinfo(np.int64).min, 0)
+    before_t, before_address = np.iinfo(np.int64).min, np.int64(0)
     for i in range(len(events)):
-        now = (events[i].t, (np.int64(events[i].y) << 17) | (np.int64(events[i].x) << 1) | np.int64(events[i].p))
-        if now < before:
+        t = events[i].t
+        address = (np.int64(events[i].y) << 17) | (np.int64(events[i].x) << 1) | np.int64(events[i].p)
+        if t < before_t or (t == before_t and address < before_address):
             return False
-        before = now
+        before_t, before_address = t, address
     return True
