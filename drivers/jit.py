@@ -14,9 +14,12 @@ import hashlib
 import os
 import tempfile
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
-__all__ = ["CACHE_FOLDER", "cfunc", "kernel_files", "kernel_hash", "njit", "prange"]
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["CACHE_FOLDER", "cfunc", "kernel_files", "kernel_hash", "lean_njit", "njit", "prange"]
 
 _PACKAGES: Final = ("drivers", "sim_backend", "bench")
 
@@ -66,3 +69,13 @@ from numba import cfunc, njit, prange  # noqa: E402
 from numba import config as _config  # noqa: E402
 
 _config.CACHE_DIR = str(CACHE_FOLDER)  # type: ignore[attr-defined]
+
+
+def lean_njit(*, forceinline: bool = False) -> Callable[[Any], Any]:
+    """Return the decorator of kernels that make no array, which so need not count references to any.
+
+    The counting is done by locked instructions, of which each costs as much as a square root.
+    """
+    options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "_nrt": False}
+    decorator: Callable[[Any], Any] = njit(forceinline=forceinline, **options)
+    return decorator

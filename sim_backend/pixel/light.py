@@ -92,14 +92,17 @@ class LightSampler:
         self.at_edge_lux = _levels_at_edges(light)  #: (m,) illuminance at the moment of each edge, lux
         self.settled_lux = light.lux  #: (m,) illuminance long after it, lux
 
-    def segments(self, start: int, stop: int) -> npt.NDArray[np.int64]:
-        """Return the number of the commanded level at the samples `start` to `stop` - 1."""
-        return np.searchsorted(self.first, np.arange(start, stop), side="right") - 1
+    def segments(self, n: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Return the number of the commanded level at some samples."""
+        return np.searchsorted(self.first, n, side="right") - 1
 
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
-        n = np.arange(start, stop)
-        segment = self.segments(start, stop)
+        return self.lux_at(np.arange(start, stop))
+
+    def lux_at(self, n: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Return the illuminance at some samples, lux."""
+        segment = self.segments(n)
         commanded = self._light.lux[segment]
         if self._light.rise_tau_s == 0.0:
             return commanded

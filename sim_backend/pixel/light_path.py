@@ -59,14 +59,18 @@ class ChipLight:
 
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
-        lux: npt.NDArray[np.float64] = self._sampler.lux(start, stop)
-        factor = self._factor(start, stop)
+        return self.lux_at(np.arange(start, stop))
+
+    def lux_at(self, n: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Return the illuminance at some samples, in order, lux."""
+        lux: npt.NDArray[np.float64] = self._sampler.lux_at(n)
+        factor = self._factor(n)
         if factor is not None:
-            room = self._room_lux[self._sampler.segments(start, stop)]
+            room = self._room_lux[self._sampler.segments(n)]
             lux = np.asarray(np.where(lux > room, lux - room, 0.0) * factor + room)
         lux = np.asarray(lux + self._chain.stray_lux)
         for hook in self._chain.hooks.light:
-            lux = _lux_by(hook, lux, np.asarray(np.arange(start, stop) * self._dt_s, np.float64))
+            lux = _lux_by(hook, lux, np.asarray(n * self._dt_s, np.float64))
         return lux
 
     @property
@@ -93,16 +97,16 @@ class ChipLight:
         room = self._room_lux
         return np.asarray(np.where(lux > room, lux - room, 0.0) * self._nd_factor + room + self._chain.stray_lux)
 
-    def _factor(self, start: int, stop: int) -> npt.NDArray[np.float64] | None:
+    def _factor(self, n: npt.NDArray[np.int64]) -> npt.NDArray[np.float64] | None:
         """Return what source and filter make of the source's light; None: they leave it as it is."""
         chain = self._chain
         if not _has_factor(chain):
             return None
-        t_s = np.arange(start, stop) * self._dt_s
+        t_s = n * self._dt_s
         turns = np.remainder(chain.flicker_hz * t_s, 1.0)
         drift = np.maximum(1.0 + chain.drift_per_s * t_s, 0.0)
         flicker = 1.0 + chain.flicker_depth * np.sin(2.0 * math.pi * turns + self._phase)
-        return np.asarray(drift * flicker * self._nd_factor[self._sampler.segments(start, stop)])
+        return np.asarray(drift * flicker * self._nd_factor[self._sampler.segments(n)])
 
 
 def _has_factor(chain: Chain) -> bool:

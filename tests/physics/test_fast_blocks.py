@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2_contingency, fisher_exact, ks_2samp, norm
 
-from sim_backend.pixel.engines import fast_kernels
+from sim_backend.pixel.engines import block_kernels
 from sim_backend.pixel.engines.one_pole import block_factors
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 #: Source: M. Broadie, P. Glasserman, S. Kou, "A continuity correction for discrete barrier options", Mathematical
 #: Finance 7 (1997).
 LOOKED_AT = 0.5825971579390107
-KERNELS: Any = fast_kernels
+KERNELS: Any = block_kernels
 LEVEL = 1e-4
 FAR = 9.0  # rms; a level that is never reached
 
@@ -100,8 +100,8 @@ def test_a_path_between_two_ends_reaches_the_line_as_often_and_when_it_is_said_t
 def walk(w: float, upper: float, lower: float, samples: int, rate: float, seed: int, n: int) -> tuple[Floats, Floats]:
     """Return the samples gone and the output behind one block of the kernel, n times."""
     z = np.random.default_rng(seed).standard_normal((n, KERNELS.DRAWS)).astype(np.float32)
-    tables = block_factors(rate)
-    found = np.array([KERNELS.block(w, upper, lower, samples, rate, *tables, row, 0)[:2] for row in z])
+    factors = block_factors(rate)
+    found = np.array([KERNELS.block(w, upper, lower, samples, rate, factors, row, 0)[:2] for row in z])
     return found[:, 0], found[:, 1]
 
 
@@ -142,17 +142,16 @@ def test_behind_the_first_hit_a_path_is_where_brute_force_finds_it(
     ("level", "most", "rate"), [(2.0, 7, 1.0 / 8.0), (2.5, 60, 1.0 / 80.0), (-0.4, 11, 1.0 / 20.0)]
 )
 def test_blocks_one_after_the_other_cross_where_samples_do(level: float, most: int, rate: float) -> None:
-    """The first sample at or beyond a level: when, and where. Blocks end on samples, and none of these is missed."""
+    """The first sample at or beyond a level: when, and where. Steps end on samples, and none of these is missed."""
     n, last, w0 = 4000, 400, level - 1.0
-    fades = block_factors(rate)
+    factors = block_factors(rate)
     rng = np.random.default_rng(round(10.0 * level + most))
     found = np.full((n, 2), np.nan)
     for i in range(n):
         w, at = w0, 0
         while at < last and w < level:
             z = rng.standard_normal(KERNELS.DRAWS).astype(np.float32)
-            samples = KERNELS.choose_block(w, level, -FAR, min(most, last - at), 1.0 / rate)
-            gone, w, _ = KERNELS.block(w, level, -FAR, samples, rate, *fades, z, 0)
+            gone, w, _ = KERNELS.until_event(w, level, -FAR, last - at, most, rate, factors, z, 0)
             at += gone
         if w >= level:
             found[i] = at, w

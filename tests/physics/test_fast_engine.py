@@ -26,6 +26,8 @@ from sim_backend.pixel.effects import (
     effects,
 )
 from sim_backend.pixel.engines.hazard import hazard_table, quasi_stationary
+from sim_backend.pixel.engines.one_pole import OnePole
+from sim_backend.pixel.engines.stretches import UNIT
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -95,6 +97,15 @@ def test_threads_and_the_window_change_nothing(name: str) -> None:
     inside = (x >= few.x) & (x < few.x + few.width) & (y >= few.y) & (y < few.y + few.height)
     assert np.array_equal(take(FastEngine(), model, light, roi=few), expected[inside])
     assert not np.array_equal(take(FastEngine(), model, light, seed=2), expected)
+
+
+@pytest.mark.parametrize("name", [name for name in SETTINGS if name not in ("two poles", "slow noise")])
+def test_the_length_of_a_stretch_changes_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model, light = SETTINGS[name]
+    expected = take(FastEngine(), model, light)
+    monkeypatch.setattr(OnePole, "_stretch_samples", lambda _: UNIT)
+    assert np.array_equal(take(FastEngine(), model, light), expected)
+    assert len(take(FastEngine(), model, light)) > 1000
 
 
 @pytest.mark.parametrize("tau_s", [0.0, 1e-3])

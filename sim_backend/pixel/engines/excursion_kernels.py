@@ -34,7 +34,8 @@ from sim_backend.pixel.engines.block_law_kernels import (
     normal_above,
     tail,
 )
-from sim_backend.pixel.engines.fast_kernels import DRAW_LANES, DRAWS, event_at, exponential, fill_draws
+from sim_backend.pixel.engines.draws_kernels import DRAW_LANES, DRAWS, exponential, fill_draws
+from sim_backend.pixel.engines.fast_kernels import event_at
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from sim_backend.pixel.chain import LOWEST_CURRENT_FA, pixel_ids
+from sim_backend.pixel.engines.hazard import B_FIRST, B_STEP, hazard_table
+from sim_backend.pixel.engines.moving_light import MovingLight
 from sim_backend.pixel.engines.segments import LAST, segments_of
-from sim_backend.pixel.engines.stretches import places, room_for
+from sim_backend.pixel.engines.stretches import UNIT, places, room_for
 from sim_backend.pixel.light_path import ChipLight
 from sim_backend.pixel.philox import split_seed
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sim_backend.pixel.chain import Chain
+    from sim_backend.pixel.engines.hazard import HazardTable
     from sim_backend.pixel.light import LightHistory
 
     Floats = npt.NDArray[np.float64]
@@ -27,20 +30,19 @@ __all__ = ["OnePole", "block_factors"]
 _SETTLE_TAUS: Final = 6.0
 #: Below this ratio of sample to time constant blocks alone are as fast as the table, and the table would be large.
 _TABLE_RATE: Final = 2e-3
-#: Longest block, in time constants and in samples.
-_LONGEST_TAUS: Final = 2.0
+#: Longest block, in time constants (three make up a little more than the time until the table holds) and in samples.
+_LONGEST_TAUS: Final = 2.1
 _LONGEST_SAMPLES: Final = 20000
 #: A block lasts no more than the square of the distance of both levels, in rms, over this:
 #: no path goes from one to the other in it.
 _BLOCKS_APART: Final = 40.0
-#: Two pixels of the table of moving light are this far apart in the logarithm of the lowest photocurrent.
-_NODE_STEP: Final = 0.02
+#: Events are gathered for so many samples at the most, and so many times the number of pixels.
+_STRETCH_SAMPLES: Final = 262144
+_PIXEL_SAMPLES: Final = 1 << 27
 
 
 class OnePole:
     """The pixels of one recording; see :class:`sim_backend.pixel.engines.stretches.Walk`."""
-
-    stretch_samples = 16384
 
     def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
         from sim_backend.pixel.engines import fast_kernels
@@ -54,9 +56,10 @@ class OnePole:
         self._segments = segments_of(on_chip, chain.noise_rms, dt_s)
         leaks = chain.leak_per_s_per_lux * self._segments.lux * (dt_s / chain.noise_rms)
         self._light = (self._segments.first, self._segments.until, self._segments.lux, leaks)
-        self._blocks = block_factors(self._rate)
+        self._factors = block_factors(self._rate)
         self._settle, self._tables = self._hazard()
-        self._moving = _MovingLight(chain, on_chip, self._segments, math.exp(-self._rate))
+        self._moving = MovingLight(chain, on_chip, self._segments, math.exp(-self._rate))
+        self.stretch_samples = self._stretch_samples()
         self._pixel = pixel_ids(chain.x, chain.y)
         self.order, self._place = places(chain)
         self._sensor = self._fixed()
@@ -69,17 +72,22 @@ class OnePole:
     def advance(self, pixels: slice, stop: int) -> npt.NDArray[np.int64]:
         """Take some pixels to sample `stop` - 1 or beyond, and return their events."""
         sensor = (self.chain.pixels, *(a[pixels] for a in self._sensor))
-        state = tuple(a[pixels] for a in self._state)
+        state = (*(a[pixels] for a in self._state), np.empty(self._kernels.DRAWS, np.uint32))
 
         def run(i: int, room: npt.NDArray[np.int64]) -> tuple[int, int]:
             found: tuple[int, int] = self._kernels.run_pixels(
                 i, stop, self._light, self._rate, self.chain.noise_rms, self._settle, self._key, LOWEST_CURRENT_FA,
-                self.chain.reset_rms / self.chain.noise_rms, sensor, self._blocks, self._tables, self._moving.table,
+                self.chain.reset_rms / self.chain.noise_rms, sensor, self._factors, self._tables, self._moving.table,
                 state, room,
             )  # fmt: skip
             return found
 
         return room_for(len(state[0]), run)
+
+    def _stretch_samples(self) -> int:
+        """Return the samples of a stretch: many for few pixels, since each stretch has a cost of its own."""
+        most = min(_STRETCH_SAMPLES, _PIXEL_SAMPLES // self.chain.pixels, self._moving.stretch_samples)
+        return max(most // UNIT, 1) * UNIT
 
     def _fixed(self) -> tuple[npt.NDArray[Any], ...]:
         """Return what is fixed for each pixel, as the kernel takes it."""
@@ -93,17 +101,15 @@ class OnePole:
         fixed[:, k.NODE] = self._moving.place
         dead = np.rint((chain.refractory_s + chain.comparator_delay_s) / self.dt_s).astype(np.int64)
         apart = (chain.theta_on + chain.theta_off) / chain.noise_rms
-        longest = np.clip(apart**2 / (_BLOCKS_APART * self._rate), 1, len(self._blocks[0]) - 1).astype(np.int64)
+        longest = np.clip(apart**2 / (_BLOCKS_APART * self._rate), 1, len(self._factors) - 1).astype(np.int64)
         return fixed, dead, self._pixel, self._place, longest
 
     def _hazard(self) -> tuple[int, tuple[Floats, ...]]:
         """Return after how many samples the table of rates holds, and the table."""
         if self._rate < _TABLE_RATE:
-            return LAST, (np.zeros((1, 2)), np.zeros((2, 2)), np.zeros((2, 2)))
-        from sim_backend.pixel.engines.hazard import hazard_table
-
+            return LAST, (np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2)))
         table = hazard_table(math.exp(-self._rate))
-        return math.ceil(_SETTLE_TAUS / self._rate), (table.log_rate[None, :], table.inside, table.beyond)
+        return math.ceil(_SETTLE_TAUS / self._rate), (_rates(table), table.inside, table.beyond)
 
     def _start(self, lux: float) -> None:
         """Put all pixels at t = 0: settled at the first light, memorised, armed."""
@@ -134,58 +140,27 @@ class OnePole:
         self._state = (whole, real, store)
 
 
-class _MovingLight:
-    """What the low-pass makes of moving light, for a few dark currents, stretch by stretch."""
+def _rates(table: HazardTable) -> Floats:
+    """Return the table of rates, as the kernels take it."""
+    from sim_backend.pixel.engines import jump_kernels as k
 
-    def __init__(self, chain: Chain, on_chip: ChipLight, segments: Any, fade: float) -> None:
-        self._on_chip = on_chip
-        self._segments = segments
-        self._fade = fade
-        self._rms = chain.noise_rms
-        dark_lux = chain.dark_fa / chain.gain_fa_per_lux
-        self._lowest_lux = LOWEST_CURRENT_FA / float(np.max(chain.gain_fa_per_lux))
-        self._dark_lux, self.place = _nodes(dark_lux, float(np.min(segments.lux)))
-        self._carried = np.zeros(len(self._dark_lux))
-        nothing = np.zeros((1, 1))
-        self.table: tuple[Any, ...] = (nothing, nothing, nothing, 0)
-
-    def prepare(self, begin: int, stop: int) -> None:
-        """Fill the table for the samples `begin` to `stop` - 1; the first is the last one of the stretch before."""
-        from sim_backend.pixel.engines import moving_kernels
-
-        if not self._segments.moving:
-            return
-        n = np.arange(begin, stop)
-        segment = np.searchsorted(self._segments.first, n, side="right") - 1
-        nodes, cells = len(self._dark_lux), (stop - 1) // moving_kernels.CELL - begin // moving_kernels.CELL + 1
-        table = np.empty((nodes, len(n)))
-        lows, highs = np.empty((nodes, cells)), np.empty((nodes, cells))
-        moving = (n > 0) & (n <= self._segments.until[segment])  # at t = 0 it is settled
-        moving_kernels.follow(
-            begin, moving, n == self._segments.first[segment], self._on_chip.lux(begin, stop),
-            self._segments.lux[segment], self._dark_lux, self._lowest_lux, self._fade, self._rms, self._carried,
-            table, lows, highs,
-        )  # fmt: skip
-        self._carried = table[:, -2].copy()
-        self.table = (table, lows, highs, begin)
+    rates = np.full((len(table.log_rate), k.RATES), np.inf)
+    b = B_FIRST + B_STEP * np.arange(len(rates))
+    rates[:, k.LOG_RATE] = table.log_rate
+    rates[:-1, k.MOST] = np.exp(np.maximum(table.log_rate[:-1], table.log_rate[1:]) - 0.5 * b[:-1] ** 2)
+    return rates
 
 
-def _nodes(dark_lux: Floats, lowest_lux: float) -> tuple[Floats, Floats]:
-    """Return some dark currents, as light, and where between them each pixel lies.
+def block_factors(rate: float) -> Floats:
+    """Return what a block of n samples needs, n from 0 to the longest, as the kernels take it."""
+    from sim_backend.pixel.engines import block_kernels as k
 
-    They are powers of one number, whatever the pixels: the window changes nothing.
-    """
-    if not np.any(dark_lux > 0.0):
-        return np.zeros(1), np.zeros(len(dark_lux))
-    floor = max(lowest_lux, np.finfo(float).tiny)
-    place = np.log(dark_lux + floor) / _NODE_STEP
-    lowest = math.floor(np.min(place))
-    nodes = np.exp(_NODE_STEP * np.arange(lowest, math.floor(np.max(place)) + 2)) - floor
-    return np.maximum(nodes, 0.0), place - lowest
-
-
-def block_factors(rate: float) -> tuple[Floats, ...]:
-    """Return what a block of n samples needs, n from 0 to the longest: exp(-x), sqrt(1 - exp(-2 x)), cosh(x / 2)."""
     longest = min(max(1, int(_LONGEST_TAUS / rate)), _LONGEST_SAMPLES)
     x = rate * np.arange(longest + 1)
-    return np.exp(-x), np.sqrt(-np.expm1(-2.0 * x)), np.cosh(0.5 * x)
+    factors = np.empty((longest + 1, k.FACTORS))
+    factors[:, k.FADE] = np.exp(-x)
+    factors[:, k.SPREAD] = np.sqrt(-np.expm1(-2.0 * x))
+    factors[:, k.TANGENT] = np.cosh(0.5 * x)
+    factors[1:, k.STEEPNESS] = 1.0 / np.sinh(x[1:])
+    factors[0, k.STEEPNESS] = np.inf
+    return factors

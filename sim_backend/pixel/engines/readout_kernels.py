@@ -61,3 +61,44 @@ def first_of_runs(t_us, pixel, polarity, window_us, last_us, last_polarity, firs
         first[i] = polarity[i] != last_polarity[k] or t_us[i] - last_us[k] >= window_us
         last_us[k] = t_us[i]
         last_polarity[k] = np.int8(polarity[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def write_events(found, column, row, to_us, events):  # type: ignore[no-untyped-def]
+    """Write events as the readout takes them.
+
+    Parameters
+    ----------
+    found
+        (n,) int64: ``(sample * pixels + place) * 2 + polarity``.
+    column, row
+        (pixels,) of the pixel at each place.
+    to_us
+        Length of a sample, us.
+    events
+        (n,) TIMED_DTYPE. Written.
+    """
+    pixels = len(column)
+    sample = 0
+    for i in range(len(found)):
+        place = (found[i] >> 1) - sample * pixels
+        if not 0 <= place < pixels:  # else it is the sample of the event before
+            sample = (found[i] >> 1) // pixels
+            place = (found[i] >> 1) - sample * pixels
+        events[i].t_us = sample * to_us
+        events[i].x = column[place]
+        events[i].y = row[place]
+        events[i].p = found[i] & 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_in_order(events):  # type: ignore[no-untyped-def]
+    """Return whether events of EVENT_DTYPE are in order of time, row, column and polarity."""
+    before_t, before_address = np.iinfo(np.int64).min, np.int64(0)
+    for i in range(len(events)):
+        t = events[i].t
+        address = (np.int64(events[i].y) << 17) | (np.int64(events[i].x) << 1) | np.int64(events[i].p)
+        if t < before_t or (t == before_t and address < before_address):
+            return False
+        before_t, before_address = t, address
+    return True

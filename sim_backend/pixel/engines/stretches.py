@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
@@ -19,12 +19,14 @@ if TYPE_CHECKING:
     from sim_backend.pixel.chain import Chain
     from sim_backend.pixel.engines.readout import Crossings
 
-__all__ = ["Walk", "crossings", "places", "room_for"]
+__all__ = ["UNIT", "Walk", "crossings", "places", "room_for"]
 
 _US_PER_S: Final = 1e6
 #: Pixels that one thread takes at a time, and room for their events until they are handed over.
 _PIXELS: Final = 256
 _ROOM: Final = 16384
+#: Stretches last a multiple of so many samples.
+UNIT: Final = 16384
 
 
 class Walk(Protocol):
@@ -71,8 +73,9 @@ def room_for(pixels: int, run: Callable[[int, npt.NDArray[np.int64]], tuple[int,
 
 def crossings(walk: Walk, samples: int, threads: int | None) -> Crossings:
     """Yield the events of each stretch, and the time that nothing later is before, us."""
-    length = walk.stretch_samples
     pixels = walk.chain.pixels
+    length = walk.stretch_samples
+    column, row = walk.chain.x[walk.order], walk.chain.y[walk.order]
     parts = [slice(i, min(i + _PIXELS, pixels)) for i in range(0, pixels, _PIXELS)]
     early = np.empty(0, np.int64)  # events beyond the end of a stretch wait for theirs
     with ThreadPoolExecutor(max(1, min(threads or processors(), len(parts)))) as pool:
@@ -84,15 +87,26 @@ def crossings(walk: Walk, samples: int, threads: int | None) -> Crossings:
             found.sort()
             due = int(np.searchsorted(found, stop * pixels * 2))
             early = found[due:]
-            yield _as_events(walk, found[:due]), stop * walk.dt_s * _US_PER_S
+            yield _as_events(found[:due], column, row, walk.dt_s), stop * walk.dt_s * _US_PER_S
     yield np.empty(0, TIMED_DTYPE), math.inf
 
 
-def _as_events(walk: Walk, found: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
-    sample, place = np.divmod(found >> 1, walk.chain.pixels)
+def _as_events(
+    found: npt.NDArray[np.int64], column: npt.NDArray[Any], row: npt.NDArray[Any], dt_s: float
+) -> npt.NDArray[np.void]:
+    """Return events as the readout takes them.
+
+    Parameters
+    ----------
+    found
+        As :meth:`Walk.advance` returns them, in order.
+    column, row
+        Of each pixel, in the order in which events of one time are given.
+    dt_s
+        Length of a sample, s.
+    """
+    from sim_backend.pixel.engines.readout_kernels import write_events
+
     events = np.empty(len(found), TIMED_DTYPE)
-    events["t_us"] = sample * (walk.dt_s * _US_PER_S)
-    events["x"] = walk.chain.x[walk.order][place]
-    events["y"] = walk.chain.y[walk.order][place]
-    events["p"] = found & 1
+    write_events(found, column, row, dt_s * _US_PER_S, events)
     return events

@@ -28,8 +28,9 @@ from sim_backend.pixel.engines.block_law_kernels import (
     make_table,
     receptor,
 )
+from sim_backend.pixel.engines.draws_kernels import DRAW_LANES, DRAWS, exponential, fill_draws
 from sim_backend.pixel.engines.excursion_kernels import first_crossing
-from sim_backend.pixel.engines.fast_kernels import DRAW_LANES, DRAWS, NEVER, event_at, exponential, fill_draws
+from sim_backend.pixel.engines.fast_kernels import NEVER, event_at
 
 #: A level may come closer during a block by this part of its distance.
 _LOST_DISTANCE: Final = 0.5
