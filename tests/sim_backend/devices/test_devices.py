@@ -56,13 +56,18 @@ class Bench:
         self.camera.set_roi(Roi(3, 4, 2, 2))
 
     def step(
-        self, log_contrast: float, low: float = 1000.0, seed: int = 1, ambient: Ambient = "open"
+        self,
+        log_contrast: float,
+        low: float = 1000.0,
+        seed: int = 1,
+        ambient: Ambient = "open",
+        length_s: float = 0.2,
     ) -> npt.NDArray[np.void]:
-        """Return the events of a recording of 0.2 s with a step up after 0.1 s."""
+        """Return the events of a recording with a step up after 0.1 s."""
         self.light.set_level(low)
         self.world.clock.sleep(0.5)
         self.camera.start(Recording(seed=seed, ambient=ambient))
-        self.light.play(Waveform(np.array([0.0, 0.1]), low * np.array([1.0, math.exp(log_contrast)]), 0.2))
+        self.light.play(Waveform(np.array([0.0, 0.1]), low * np.array([1.0, math.exp(log_contrast)]), length_s))
         self.camera.stop()
         return self.events()
 
@@ -164,7 +169,7 @@ def test_pixels_are_those_of_the_sensor_not_of_the_window() -> None:
 
 def test_chunks_come_one_by_one_and_can_be_read_again() -> None:
     bench = Bench(pixel={"noise_rms": 0.1})
-    bench.step(0.5)
+    bench.step(0.5, length_s=3.0)  # longer than the engine gathers events before it hands them over
     chunks = bench.camera.chunks()
     assert isinstance(chunks, Iterator)
     first = next(chunks)
