@@ -1,0 +1,101 @@
+"""The effects that a model may lack: which of their numbers are fitted, and where they are looked for."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis.parameters import Free
+from sim_backend.pixel.effects.registry import effects
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bench.diagnosis.parameters import Scale
+    from bench.store.data import PointData
+    from sim_backend.pixel.effects.base import Effect
+    from sim_backend.pixel.model import PixelModel
+
+__all__ = ["NEEDS_KNOWN_THRESHOLDS", "candidates", "free_of", "probe_of"]
+
+#: They are the same as other thresholds (and noise) while those are free.
+NEEDS_KNOWN_THRESHOLDS: Final = frozenset({"contrast_error", "injection_offset"})
+
+#: What is fitted of each effect: name, scale, a value at which it can be seen, the highest that is believed.
+_FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
+    "contrast_error": (("gain_error", "linear", 0.05, 0.5),),
+    "light_rise_time": (("tau_s", "linear", 1e-3, 0.1),),
+    "light_drift": (("rate_per_s", "linear", 0.03, 0.5),),
+    "light_flicker": (("depth", "square", 0.05, 0.9),),
+    "nd_error": (("delta_od", "linear", 0.1, 1.0),),
+    "stray_light": (("illuminance_lux", "linear", 0.05, 1e3),),
+    "dark_current": (("mean_fa", "linear", 3.0, 1e3),),
+    "shot_noise": (("factor", "linear", 1.0, 50.0),),
+    "photoreceptor_bandwidth": (("hz_per_fa", "inverse", 5.0, math.inf),),
+    "low_frequency_noise": (("rms", "square", 0.03, 0.5), ("tau_s", "log", 1.0, 100.0)),
+    "high_pass": (("corner_hz", "linear", 0.5, 100.0),),
+    "leak": (("rate_per_s", "linear", 0.05, 5.0),),
+    "parasitic_photocurrent": (("rate_per_s_per_lux", "linear", 1e-3, 5.0),),
+    "reset_noise": (("rms", "square", 0.02, 0.3),),
+    "injection_offset": (("offset", "linear", 0.02, 0.3),),
+    "threshold_mismatch": (("sigma_on", "square", 0.025, 0.3), ("sigma_off", "square", 0.025, 0.3)),
+    "comparator_delay": (("delay_s", "linear", 2e-4, 0.05),),
+    "refractory_mismatch": (("spread", "square", 0.3, 2.0),),
+    "hot_pixels": (("fraction", "linear", 0.02, 0.5), ("rate_hz", "log", 10.0, 1e4)),
+    "crosstalk": (("probability", "linear", 0.02, 0.9),),
+    "readout_saturation": (("max_rate_eps", "inverse", 1e5, math.inf),),
+    "event_rate_limit": (("max_rate_eps", "inverse", 1e5, math.inf),),
+    "timestamp_jitter": (("sigma_s", "square", 3e-4, 0.05),),
+    "trail_filter": (("window_s", "linear", 0.02, 1.0),),
+}
+
+
+def free_of(effect: type[Effect]) -> tuple[Free, ...]:
+    """Return the numbers of an effect that are fitted.
+
+    Of an effect that is not in the table, a user's own, those that have a null value are fitted, from their default.
+    """
+    described = {p.name: p for p in effect.parameters()}
+    return tuple(
+        Free(
+            effect.id,
+            name,
+            name,
+            described[name].unit,
+            scale,
+            max(described[name].bounds[0], -highest),
+            highest,
+            probe,
+        )
+        for name, scale, probe, highest in _FITTED.get(effect.id) or _of_a_user(effect)
+    )
+
+
+def _of_a_user(effect: type[Effect]) -> tuple[tuple[str, Scale, float, float], ...]:
+    return tuple(
+        (p.name, "inverse" if math.isinf(p.null) else "linear", p.default, p.bounds[1])
+        for p in effect.parameters()
+        if p.null is not None and p.default is not None and p.default != p.null
+    )
+
+
+def probe_of(effect: type[Effect], at: dict[str, float] | None = None) -> Effect:
+    """Return the effect at the values at which it can be seen."""
+    return effect(**{f.name: (at or {}).get(f.name, f.probe) for f in free_of(effect)})
+
+
+def candidates(
+    model: PixelModel, points: Sequence[PointData], *, thresholds_known: bool = False
+) -> list[type[Effect]]:
+    """Return the effects that the model lacks and that may show in these points."""
+    filtered = any(p.nd_od > 0.0 for p in points)
+    found = []
+    for effect_id, effect in effects().items():
+        if model.effect(effect_id) is not None or not free_of(effect):
+            continue
+        if effect_id in NEEDS_KNOWN_THRESHOLDS and not thresholds_known:
+            continue
+        if effect_id == "nd_error" and not filtered:
+            continue
+        found.append(effect)
+    return found

@@ -1,0 +1,163 @@
+"""The events of one point, real or simulated, in the form in which views look at them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.analysis.tally import active_pixels, observed_s
+from bench.analysis.windows import test_windows
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy.typing as npt
+
+    from bench.analysis.windows import TestGroup, TestWindows
+    from bench.store.data import PointData
+
+    Floats = npt.NDArray[np.float64]
+    Ints = npt.NDArray[np.int64]
+
+__all__ = ["Answers", "Frame", "Recording"]
+
+_US_PER_S: Final = 1e6
+
+
+class Frame:
+    """What was done in a point: its pixels and its response windows. The same for all recordings of it."""
+
+    def __init__(self, point: PointData) -> None:
+        self.point = point
+        self.windows: TestWindows = test_windows(point)
+        active = active_pixels(point)
+        self.pixels = int(active.sum())  #: that were on
+        self.rank: Ints = np.where(active, np.cumsum(active) - 1, -1)  #: (window,) number of each pixel; -1 if off
+        self.observed_s = observed_s(point)  #: without gaps
+        self.local = np.zeros(self.windows.group.size, np.int64)  #: (w,) number of each window in its group
+        for group in range(len(self.windows.groups)):
+            mine = np.flatnonzero(self.windows.group == group)
+            self.local[mine] = np.arange(mine.size)
+
+    @property
+    def constant(self) -> bool:
+        """Whether the light was constant: every event is background."""
+        return self.point.waveform == "constant"
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """The events in the k response windows of one group of test pulses, for n pixels."""
+
+    test: TestGroup
+    own: npt.NDArray[np.int64]  #: (n, k) events of the polarity that is expected
+    other: npt.NDArray[np.int64]  #: (n, k) events of the other polarity
+    latency_s: Floats  #: (n, k) from the edge to the first event that is expected; NaN without one
+    gap_s: Floats  #: (n, k) from the first to the second event that is expected; NaN without one
+
+    @property
+    def answered(self) -> npt.NDArray[np.bool_]:
+        """(n, k) whether there was an event that is expected."""
+        return self.own > 0
+
+
+class Recording:
+    """One recording of a point, for the views.
+
+    Parameters
+    ----------
+    frame
+        What was done in the point.
+    chunks
+        Arrays of `EVENT_DTYPE`, in order of time. Events outside the window, of pixels that were off, behind the end
+        of the recording, or in gaps are left out.
+    """
+
+    def __init__(self, frame: Frame, chunks: Iterable[npt.NDArray[np.void]]) -> None:
+        self.frame = frame
+        point = frame.point
+        t, pixel, p = _gather(chunks, point)
+        rank = frame.rank[pixel]
+        keep = (rank >= 0) & (t <= round(point.duration_s * _US_PER_S))
+        for start_s, stop_s in point.gaps_s:
+            keep &= (t < start_s * _US_PER_S) | (t >= stop_s * _US_PER_S)
+        self.t_us: Ints = t[keep]
+        self.pixel: Ints = rank[keep]  #: from 0 to the number of pixels that were on
+        self.p: npt.NDArray[np.uint8] = p[keep]  #: 1 ON, 0 OFF
+
+    @cached_property
+    def by_pixel(self) -> Ints:
+        """Order of the events by pixel, then time."""
+        return np.argsort(self.pixel, kind="stable")
+
+    @cached_property
+    def groups(self) -> tuple[Answers, ...]:
+        """The answers to each group of test pulses."""
+        own = self._window(self.p)
+        other = self._window(1 - self.p)
+        return tuple(self._answers(g, own, other) for g in range(len(self.frame.windows.groups)))
+
+    def counts(self, polarity: int, begin: float = 0.0, end: float = 1.0) -> Floats:
+        """Return the events of each pixel in a part of the recording, from 0 to 1."""
+        span = self.frame.point.duration_s * _US_PER_S
+        mine = (self.p == polarity) & (self.t_us >= begin * span) & (self.t_us < end * span)
+        if end >= 1.0:
+            mine |= (self.p == polarity) & (self.t_us >= span)
+        return np.bincount(self.pixel[mine], minlength=self.frame.pixels).astype(np.float64)
+
+    def _window(self, polarity: npt.NDArray[np.uint8]) -> Ints:
+        """Return for each event the window, of tests of this polarity, in which it lies; -1 for none."""
+        windows = self.frame.windows
+        found = np.full(self.t_us.size, -1, np.int64)
+        for wanted in (0, 1):
+            mine = np.flatnonzero(windows.polarity == wanted)
+            events = np.flatnonzero(polarity == wanted)
+            if not (mine.size and events.size):
+                continue
+            last = np.searchsorted(windows.start_us[mine], self.t_us[events], side="right") - 1
+            candidate = mine[np.maximum(last, 0)]
+            inside = (last >= 0) & (self.t_us[events] < windows.stop_us[candidate])
+            found[events[inside]] = candidate[inside]
+        return found
+
+    def _answers(self, group: int, own: Ints, other: Ints) -> Answers:
+        frame, windows = self.frame, self.frame.windows
+        test = windows.groups[group]
+        shape = (frame.pixels, test.pulses)
+
+        def cells(window: Ints) -> tuple[Ints, Ints]:
+            events = np.flatnonzero((window >= 0) & (windows.group[window] == group))
+            return events, self.pixel[events] * test.pulses + frame.local[window[events]]
+
+        events, cell = cells(own)
+        latency = (self.t_us[events] - windows.edge_us[own[events]]) / _US_PER_S
+        first = np.full(shape[0] * shape[1], np.nan)
+        first[cell[::-1]] = latency[::-1]  # the last one written is the first one in time
+        later = latency > first[cell]
+        second = np.full(first.size, np.nan)
+        second[cell[later][::-1]] = latency[later][::-1]
+        wrong = cells(other)[1]
+        return Answers(
+            test=test,
+            own=np.bincount(cell, minlength=first.size).reshape(shape),
+            other=np.bincount(wrong, minlength=first.size).reshape(shape),
+            latency_s=first.reshape(shape),
+            gap_s=(second - first).reshape(shape),
+        )
+
+
+def _gather(chunks: Iterable[npt.NDArray[np.void]], point: PointData) -> tuple[Ints, Ints, npt.NDArray[np.uint8]]:
+    """Return time, pixel of the window and polarity of all events inside the window."""
+    roi = point.roi
+    parts = []
+    for events in chunks:
+        x, y = events["x"].astype(np.int64) - roi.x, events["y"].astype(np.int64) - roi.y
+        inside = (x >= 0) & (x < roi.width) & (y >= 0) & (y < roi.height)
+        parts.append((events["t"][inside].astype(np.int64), (y * roi.width + x)[inside], events["p"][inside]))
+    if not parts:
+        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8)
+    t, pixel, p = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return t, pixel, p

@@ -1,0 +1,107 @@
+"""One or several runs, opened for comparison and diagnosis."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.compute import Workforce
+from bench.diagnosis.forward import Forward
+from bench.diagnosis.problem import Problem
+from bench.models.simulation import on_sensor
+from protocols.errors import InputError
+from sim_backend.pixel.model import PixelModel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from bench.store import Run
+    from bench.store.data import PointData
+
+__all__ = ["Session", "open_session", "time_grid_us"]
+
+#: Time between two looks of the comparators where the time stamps do not tell it, us.
+_USUAL_GRID_US: Final = 10
+_GRIDS_US: Final = (5, 100)
+#: Pixels that are looked at, at the most: more sharpen nothing that the pulses do not.
+_MOST_PIXELS: Final = 4096
+
+
+class Session:
+    """Runs that are explained by one model.
+
+    Parameters
+    ----------
+    runs
+        Of one sensor.
+    problem
+        All their points.
+    model
+        The base pixel on that sensor.
+    """
+
+    def __init__(self, runs: Sequence[Run], problem: Problem, model: PixelModel) -> None:
+        self.ids = tuple(run.header.id for run in runs)
+        self.problem = problem
+        self.model = model
+
+
+@contextmanager
+def open_session(
+    runs: Sequence[Run],
+    model: PixelModel | None = None,
+    workforce: Workforce | None = None,
+    done: Callable[[], None] | None = None,
+) -> Iterator[Session]:
+    """Look at the events of all points, and have the workers ready.
+
+    Parameters
+    ----------
+    model
+        To start from; None for the base pixel alone.
+    done
+        Called after each simulated sensor.
+
+    Raises
+    ------
+    InputError
+        There are no points, the runs are of different sensors, or a window has too many pixels.
+    """
+    points = _points(runs)
+    with (workforce or Workforce()).open() as executor:
+        forward = Forward(points, executor, time_grid_us(points) * 1e-6, done)
+        sensor = runs[0].header.sensor
+        yield Session(runs, Problem.of(points, forward), on_sensor(model or PixelModel(), sensor))
+
+
+def _points(runs: Sequence[Run]) -> list[PointData]:
+    """Return the points of all runs, numbered through."""
+    points: list[PointData] = []
+    for run in runs:
+        if run.header.sensor != runs[0].header.sensor:
+            raise InputError(f"{run.header.id}: another sensor than that of {runs[0].header.id}; expected the same")
+        first = 1 + max((p.index for p in points), default=-1)
+        points += [replace(p, index=first + p.index) for p in run.points()]
+    if not points:
+        raise InputError(f"{runs[0].header.id}: has no points; expected some that were taken")
+    for point in points:
+        if point.roi.pixels > _MOST_PIXELS:
+            raise InputError(
+                f"{point.path}: a window of {point.roi.pixels} pixels; expected {_MOST_PIXELS} or fewer (64 x 64)"
+            )
+    return points
+
+
+def time_grid_us(points: Sequence[PointData]) -> int:
+    """Return the time between two looks of the comparators, us, as it shows in the time stamps.
+
+    A camera stamps whole microseconds; a simulation that looks every 20 us shows in its stamps.
+    """
+    step = 0
+    for point in points:
+        for events in point.events():
+            step = int(np.gcd.reduce(np.append(events["t"].astype(np.int64), step)))
+    return step if _GRIDS_US[0] <= step <= _GRIDS_US[1] else _USUAL_GRID_US

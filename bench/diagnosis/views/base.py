@@ -1,0 +1,57 @@
+"""The seam of a view: what it sees, and what it says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from bench.diagnosis.recording import Recording
+
+__all__ = ["Kind", "Part", "Statistic", "View"]
+
+#: A share of trials; a number of events for each unit of the bottom; a mean over events; anything else.
+Kind = Literal["share", "count", "mean", "difference"]
+Part = Literal["on", "off", "both"]
+
+
+@dataclass(frozen=True, slots=True)
+class Statistic:
+    """One number about a recording: a sum over clusters divided by another.
+
+    Clusters are independent of each other in the model: pixels as a rule, or the pulses of a recording for what all
+    pixels have in common. The uncertainty of the number follows from the scatter between clusters, so nothing is
+    assumed of pulses of one pixel.
+    """
+
+    part: Part
+    kind: Kind
+    top: npt.NDArray[np.float64]  #: (clusters,)
+    bottom: npt.NDArray[np.float64]  #: (clusters,)
+    unit: str = "1"
+    log_contrast: float = 0.0  #: of the test pulse; 0 for background
+    width_s: float = float("nan")  #: of the test pulse; NaN for background
+    by_pulse: bool = False  #: the clusters are pulses, not pixels
+    least: float = 0.0  #: what one rare event changes the number by: it is not known better
+
+
+class View:
+    """Looks at one recording in one way. A subclass sets `id` and `title`, and implements :meth:`look`."""
+
+    id: ClassVar[str]  #: the name in files
+    title: ClassVar[str]  #: what it shows, for an axis
+
+    def look(self, recording: Recording) -> Iterator[Statistic]:
+        """Yield what this view has to say about a recording, always the same statistics for the same frame.
+
+        Raises
+        ------
+        NotImplementedError
+            The view is not complete.
+        """
+        raise NotImplementedError(f"view {self.id}: look() is missing")

@@ -1,0 +1,83 @@
+"""When pulses are answered."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+
+from bench.diagnosis.views.base import Statistic, View
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.recording import Answers, Recording
+
+__all__ = ["Latency", "LatencySpread", "SecondEvent"]
+
+#: Shorter times than this are taken as this: the event stream counts whole microseconds.
+_SHORTEST_S: Final = 1e-6
+
+
+class Latency(View):
+    """Mean logarithm of the time from the edge to the first event."""
+
+    id: ClassVar[str] = "latency"
+    title: ClassVar[str] = "mean ln(latency / 1 s)"
+
+    def look(self, recording: Recording) -> Iterator[Statistic]:
+        """Yield it for each group of pulses."""
+        for answers in recording.groups:
+            yield _mean_log(answers, answers.latency_s)
+
+
+class LatencySpread(View):
+    """Mean square of the step of the logarithmic latency from one answered pulse of a pixel to the next.
+
+    Steps instead of distances from a mean: what differs between pixels, or drifts, is in other views.
+    """
+
+    id: ClassVar[str] = "latency_spread"
+    title: ClassVar[str] = "mean square step of ln(latency)"
+
+    def look(self, recording: Recording) -> Iterator[Statistic]:
+        """Yield it for each group of pulses."""
+        for answers in recording.groups:
+            steps = np.diff(_log(answers.latency_s), axis=1) ** 2
+            known = np.isfinite(steps)
+            yield _statistic(answers, np.where(known, steps, 0.0).sum(axis=1), known.sum(axis=1))
+
+
+class SecondEvent(View):
+    """Mean logarithm of the time from the first event of an answer to the second: dead time and bandwidth."""
+
+    id: ClassVar[str] = "second_event"
+    title: ClassVar[str] = "mean ln(gap to the second event / 1 s)"
+
+    def look(self, recording: Recording) -> Iterator[Statistic]:
+        """Yield it for each group of pulses."""
+        for answers in recording.groups:
+            yield _mean_log(answers, answers.gap_s)
+
+
+def _log(times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return np.asarray(np.log(np.maximum(times_s, _SHORTEST_S)))
+
+
+def _mean_log(answers: Answers, times_s: npt.NDArray[np.float64]) -> Statistic:
+    known = np.isfinite(times_s)
+    return _statistic(answers, np.where(known, _log(times_s), 0.0).sum(axis=1), known.sum(axis=1))
+
+
+def _statistic(answers: Answers, top: npt.NDArray[np.float64], bottom: npt.NDArray[np.integer]) -> Statistic:
+    return Statistic(
+        part=answers.test.polarity,
+        kind="mean",
+        top=top,
+        bottom=bottom.astype(np.float64),
+        unit="ln",
+        log_contrast=answers.test.log_contrast,
+        width_s=answers.test.width_s,
+    )

@@ -1,0 +1,66 @@
+"""A fit finds the numbers of the model that made the run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.diagnose import error_of, values_of
+from bench.diagnosis.fit import fit, shrunk
+from bench.diagnosis.session import open_session, time_grid_us
+from protocols.errors import InputError
+from protocols.points import Roi
+from sim_backend.pixel import PixelModel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
+
+
+@pytest.mark.slow
+def test_the_numbers_of_the_base_pixel_are_approached(point: Callable[..., Any], run_of: Callable[..., Any]) -> None:
+    window = {"roi": Roi(40, 30, 16, 16), "periods": 20}
+    points = [point(i, c, **window) for i, c in enumerate((0.15, 0.22, 0.26, 0.3, 0.35, 0.45, 0.6, 1.0))]
+    points.append(point(len(points), 0.0, **window))
+    with open_session([run_of(points, PIXEL, 3)]) as session:
+        problem = session.problem
+        found = fit(problem, session.model, problem.base_slots(), problem.start(session.model), seed=4)
+        values = values_of(problem, found)
+        error = error_of(problem, found)
+    # Coarse: how sharp the numbers are, and what their intervals hold, is not what is shown here.
+    for key, true in (
+        ("thresholds.on", 0.3),
+        ("thresholds.off", 0.25),
+        ("noise_floor.rms", 0.045),
+        ("source_follower_bandwidth.corner_hz", 150.0),
+    ):
+        assert values[key].value == pytest.approx(true, rel=0.1), key
+    assert error.response_rmse < 0.05
+
+
+def test_changes_that_may_be_chance_are_taken_for_none() -> None:
+    assert np.array_equal(shrunk(np.array([1.0, -1.0, 0.0]), np.ones(3)), np.zeros(3))
+    assert shrunk(np.array([100.0]), np.ones(1))[0] == pytest.approx(100.0, rel=1e-3)
+
+
+def test_the_grid_of_a_simulation_shows_in_its_time_stamps(
+    point: Callable[..., Any], recorded: Callable[..., Any]
+) -> None:
+    coarse = recorded(point(0, 0.0), [(40, 0, 0, 1), (100, 0, 0, 1), (2040, 1, 0, 1)])
+    fine = recorded(point(0, 0.0), [(41, 0, 0, 1), (100, 0, 0, 1)])
+    assert time_grid_us([coarse]) == 20
+    assert time_grid_us([coarse, fine]) == 10
+    assert time_grid_us([point(0, 0.0)]) == 10
+
+
+def test_runs_that_cannot_be_explained_together_are_refused(
+    point: Callable[..., Any], run_of: Callable[..., Any]
+) -> None:
+    with pytest.raises(InputError, match="has no points"), open_session([run_of([], PIXEL, 1)]):
+        pass
+    large = point(0, 0.0, roi=Roi(0, 0, 100, 100))
+    with pytest.raises(InputError, match="a window of 10000 pixels"), open_session([run_of([large], PIXEL, 1)]):
+        pass

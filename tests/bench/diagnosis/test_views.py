@@ -1,0 +1,139 @@
+"""What views see in events that were written down by hand, and in those of a model of their own."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.recording import Frame, Recording
+from bench.diagnosis.residuals import expectation, measured
+from bench.diagnosis.summary import summarise
+from bench.diagnosis.views.registry import VIEWS
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects import ThresholdMismatch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bench.diagnosis.summary import Summary
+
+PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
+PIXELS = 64
+
+
+def look(taken: Any) -> Summary:
+    """Return what all views say about a point."""
+    return summarise(Recording(Frame(taken), taken.events()), VIEWS)
+
+
+def value(summary: Summary, view: str, part: str) -> float:
+    """Return one statistic."""
+    at = [i for i, label in enumerate(summary.labels) if (label.view, label.part) == (view, part)]
+    assert len(at) == 1
+    return float(summary.ratio[at[0]])
+
+
+def test_answers_written_by_hand(point: Callable[..., Any], recorded: Callable[..., Any]) -> None:
+    """Ten ON windows from 50 ms, ten OFF windows from 100 ms, of 50 ms each, in turn."""
+    summary = look(
+        recorded(
+            point(0, 0.4),
+            [
+                (50_400, 0, 0, 1),  # first ON pulse, 0.4 ms after its edge
+                (51_000, 1, 0, 0),  # wrong polarity
+                (59_400, 0, 0, 1),  # second event of the answer, 9 ms later
+                (150_900, 0, 0, 1),  # second ON pulse: 0.9 ms
+                (200_100, 5, 0, 0),  # an OFF pulse
+            ],
+        )
+    )
+    answers = PIXELS * 10
+    assert value(summary, "response", "on") == pytest.approx(2 / answers)
+    assert value(summary, "response", "off") == pytest.approx(1 / answers)
+    assert value(summary, "extra_events", "on") == pytest.approx(1 / answers)
+    assert value(summary, "other_polarity", "on") == pytest.approx(1 / answers)
+    assert value(summary, "latency", "on") == pytest.approx(0.5 * (math.log(0.4e-3) + math.log(0.9e-3)))
+    assert value(summary, "latency_spread", "on") == pytest.approx(math.log(0.9 / 0.4) ** 2)
+    assert value(summary, "second_event", "on") == pytest.approx(math.log(9e-3))
+    assert value(summary, "halves", "on") == pytest.approx(-2 / (PIXELS * 5))
+    assert math.isnan(value(summary, "second_event", "off"))
+
+
+def test_background_written_by_hand(point: Callable[..., Any], recorded: Callable[..., Any]) -> None:
+    """A pixel that ticks once a second, and one that sends both polarities."""
+    ticks = [(1_000_000 * k + 500_000, 3, 3, 1) for k in range(5)]
+    summary = look(recorded(point(0, 0.0), sorted([*ticks, (700_000, 1, 1, 1), (2_700_000, 1, 1, 0)])))
+    assert value(summary, "background", "on") == pytest.approx(6 / (PIXELS * 5.0))
+    assert value(summary, "background", "off") == pytest.approx(1 / (PIXELS * 5.0))
+    assert value(summary, "same_polarity", "both") == pytest.approx(4 / 5)
+    assert value(summary, "intervals", "on") == pytest.approx(0.0)
+    assert value(summary, "regularity", "on") == pytest.approx(0.0)
+    assert value(summary, "outliers", "on") == pytest.approx(1 / PIXELS)
+
+
+def test_neighbours_that_fire_together(point: Callable[..., Any], recorded: Callable[..., Any]) -> None:
+    summary = look(
+        recorded(
+            point(0, 0.0),
+            [(1000, 2, 2, 1), (1005, 2, 3, 1), (2000, 2, 2, 1), (2005, 2, 3, 0), (3000, 2, 2, 1), (3005, 4, 2, 1)],
+        )
+    )
+    assert value(summary, "neighbours", "both") == pytest.approx(1 / 6)
+
+
+def test_events_outside_window_end_and_gaps_do_not_count(
+    point: Callable[..., Any], recorded: Callable[..., Any]
+) -> None:
+    asked = point(0, 0.0, gaps_s=np.array([[1.0, 2.0]]), masked=np.array([[40, 30]], np.uint16))
+    events = [(500_000, 1, 0, 1), (600_000, 0, 0, 1), (700_000, 60, 0, 1), (1_500_000, 1, 0, 1), (5_100_000, 1, 0, 1)]
+    assert value(look(recorded(asked, events)), "background", "on") == pytest.approx(1 / ((PIXELS - 1) * 4.0))
+
+
+def test_recordings_of_a_point_add_up(point: Callable[..., Any], run_of: Callable[..., Any]) -> None:
+    one, other = (look(run_of([point(0, 0.3)], PIXEL, seed).taken[0]) for seed in (1, 2))
+    both = one + other
+    assert value(both, "response", "on") == pytest.approx(
+        0.5 * (value(one, "response", "on") + value(other, "response", "on"))
+    )
+    assert both.recordings == 2
+
+
+def test_the_errors_are_those_with_which_runs_of_one_model_scatter(
+    point: Callable[..., Any], run_of: Callable[..., Any]
+) -> None:
+    """Sixty sensors with mismatched pixels: the standard error of the response is their scatter, not the binomial."""
+    model = PIXEL + ThresholdMismatch(sigma_on=0.04, sigma_off=0.04)
+    summaries = [look(run_of([point(0, 0.3)], model, seed).taken[0]) for seed in range(1, 61)]
+    at = next(i for i, label in enumerate(summaries[0].labels) if (label.view, label.part) == ("response", "on"))
+    shares = np.array([s.ratio[at] for s in summaries])
+    claimed = np.sqrt(np.mean([s.covariance()[at, at] for s in summaries]))
+    binomial = math.sqrt(shares.mean() * (1.0 - shares.mean()) / (PIXELS * 10))
+    assert claimed > 1.3 * binomial
+    # The scatter of 60 is known to 1 / sqrt(2 * 59), the mean variance is much sharper.
+    assert shares.std(ddof=1) == pytest.approx(claimed, rel=4.0 / math.sqrt(2 * 59))
+
+
+def test_residuals_of_the_true_model_have_unit_variance_and_no_long_tails(
+    point: Callable[..., Any], run_of: Callable[..., Any]
+) -> None:
+    """Each whitened residual of twenty runs beside six simulated sensors of their own model."""
+    points = [point(0, 0.25), point(1, 0.35), point(2, 0.6), point(3, 0.0)]
+    summaries = [[look(t) for t in run_of(points, PIXEL, seed).taken] for seed in range(1, 27)]
+    expected_by = summaries[20:]
+    summed = [sum(column[1:], column[0]) for column in zip(*expected_by, strict=True)]
+    found = []
+    for one in summaries[:20]:
+        run = measured(one)
+        expected = expectation(run, summed)
+        for root, where in zip(expected.roots(), run.points, strict=True):
+            live = np.abs(root).sum(axis=1) > 0.05
+            found.append((root @ (run.value[where] - expected.value[where]))[live])
+    z = np.concatenate(found)
+    assert z.size > 500
+    assert np.mean(z**2) == pytest.approx(1.0, abs=0.25)
+    # Rare events make it lumpy, never wide.
+    assert np.mean(np.abs(z) > 3.0) < 0.01
+    assert np.max(np.abs(z)) < 6.0
