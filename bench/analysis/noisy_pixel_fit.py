@@ -205,7 +205,7 @@ class _Curvature:
         free = np.ix_(self.free, self.free)
         scale = np.outer(self._step, self._step)[free]
         curvature = 0.5 * (hessian + hessian.T)[free] * scale
-        if not np.isfinite(curvature).all() or np.linalg.eigvalsh(curvature).min() <= 0.0:
+        if not _is_determined(curvature):
             return None
         covariance = np.zeros((size, size))
         covariance[free] = np.linalg.inv(curvature) * scale
@@ -215,6 +215,14 @@ class _Curvature:
         """Return (5,) how far the minimum moves under changed conditions."""
         more = self._gradient(self._at, changed) - self._gradient(self._at, self._conditions)
         return np.asarray(-covariance @ more)
+
+
+def _is_determined(curvature: Floats) -> bool:
+    """Return whether a matrix of second derivatives has a minimum at one place, as far as numbers can tell."""
+    if not np.isfinite(curvature).all():
+        return False
+    values = np.linalg.eigvalsh(curvature)
+    return bool(values[0] > len(values) * np.finfo(np.float64).eps * values[-1])
 
 
 def _tau_by_pixels(pixels: Pixels, conditions: Conditions, latencies: Latencies, tau: TauFit) -> Floats:
