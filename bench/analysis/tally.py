@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.analysis.windows import TestGroup, reset_windows, test_windows
+from bench.analysis.windows import TestGroup, reset_windows, test_windows, window_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -73,7 +73,7 @@ class _Counter:
 
         if not self.windows.start_us.size:
             return
-        window = self._window_of(t_us, polarity)
+        window = window_of(self.windows, t_us, polarity)
         inside = np.flatnonzero(window >= 0)
         window = window[inside]
         latency_us = t_us[inside] - self.edge_us[window]
@@ -94,20 +94,6 @@ class _Counter:
             self.histogram,
         )
 
-    def _window_of(self, t_us: npt.NDArray[np.int64], polarity: npt.NDArray[np.uint8]) -> npt.NDArray[np.int64]:
-        """Return the window of its own polarity into which each event falls; -1 for none."""
-        window = np.full(t_us.size, -1, np.int64)
-        for p in (0, 1):
-            mine = np.flatnonzero(self.windows.polarity == p)
-            if not mine.size:
-                continue
-            events = np.flatnonzero(polarity == p)
-            found = np.searchsorted(self.windows.start_us[mine], t_us[events], side="right") - 1
-            candidate = mine[np.maximum(found, 0)]
-            inside = (found >= 0) & (t_us[events] < self.windows.stop_us[candidate])
-            window[events[inside]] = candidate[inside]
-        return window
-
 
 def active_pixels(point: PointData) -> npt.NDArray[np.bool_]:
     """Return (pixels,) which pixels of the point's window were on, row by row."""
@@ -120,7 +106,8 @@ def active_pixels(point: PointData) -> npt.NDArray[np.bool_]:
     return active.ravel()
 
 
-def _outside_gaps(t_us: npt.NDArray[np.int64], gaps_s: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+def outside_gaps(t_us: npt.NDArray[np.int64], gaps_s: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Return (n,) which times, us, lie in none of the gaps, (g, 2) s."""
     keep = np.ones(t_us.size, np.bool_)
     for start_s, stop_s in gaps_s:
         keep &= (t_us < start_s * 1e6) | (t_us >= stop_s * 1e6)
@@ -176,7 +163,7 @@ def tally_events(point: PointData, chunks: Iterable[npt.NDArray[np.void]]) -> Po
         late += int(np.count_nonzero(after))
         pixel = y * roi.width + x
         pixel[~inside] = 0
-        keep = inside & ~after & active[pixel] & _outside_gaps(events["t"], point.gaps_s)
+        keep = inside & ~after & active[pixel] & outside_gaps(events["t"], point.gaps_s)
         t_us, p, pixel = events["t"][keep], events["p"][keep], pixel[keep]
         for polarity in (0, 1):
             pixel_events[polarity] += np.bincount(pixel[p == polarity], minlength=roi.pixels)

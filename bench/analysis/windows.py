@@ -13,7 +13,16 @@ if TYPE_CHECKING:
     from bench.analysis.results import ResponsePolarity
     from bench.store.data import PointData
 
-__all__ = ["ResetWindows", "TestGroup", "TestWindows", "kept_pulses", "microseconds", "reset_windows", "test_windows"]
+__all__ = [
+    "ResetWindows",
+    "TestGroup",
+    "TestWindows",
+    "kept_pulses",
+    "microseconds",
+    "reset_windows",
+    "test_windows",
+    "window_of",
+]
 
 POLARITIES: Final[tuple[ResponsePolarity, ResponsePolarity]] = ("off", "on")  #: by the value of an event's `p`
 _TOLERANCE_S: Final = 1.5e-6  # the event stream counts whole microseconds
@@ -183,3 +192,20 @@ def reset_windows(point: PointData, tests: TestWindows) -> ResetWindows:
         polarity=np.where(reset[found] > 0, 0, 1).astype(np.int64),
         group=tests.group[found],
     )
+
+
+def window_of(
+    windows: TestWindows | ResetWindows, t_us: npt.NDArray[np.int64], polarity: npt.NDArray[np.uint8]
+) -> npt.NDArray[np.int64]:
+    """Return the window of its own polarity into which each event falls; -1 for none."""
+    window = np.full(t_us.size, -1, np.int64)
+    for p in (0, 1):
+        mine = np.flatnonzero(windows.polarity == p)
+        events = np.flatnonzero(polarity == p)
+        if not (mine.size and events.size):
+            continue
+        found = np.searchsorted(windows.start_us[mine], t_us[events], side="right") - 1
+        candidate = mine[np.maximum(found, 0)]
+        inside = (found >= 0) & (t_us[events] < windows.stop_us[candidate])
+        window[events[inside]] = candidate[inside]
+    return window

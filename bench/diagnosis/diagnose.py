@@ -44,8 +44,6 @@ _IN_A_TIE: Final = 3
 _WORST: Final = 5
 #: 90 % of a normal law lie within so many standard deviations.
 _NINETY: Final = 1.6449
-#: An effect whose number is less than so many standard errors from its null is needless.
-_NEEDLESS: Final = 2.5
 
 
 @dataclass(frozen=True)

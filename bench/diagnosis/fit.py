@@ -15,6 +15,7 @@ import numpy as np
 
 from bench.diagnosis.parameters import ALIGNMENT, move
 from bench.diagnosis.residuals import expectation, measured
+from bench.diagnosis.summary import add
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -203,11 +204,10 @@ def shrunk(change: Floats, deviation: Floats) -> Floats:
     return change * np.where(np.isfinite(keep), np.maximum(keep, 0.0), 0.0)
 
 
-def solve(columns: Floats, residual: Floats, prior: Floats, pull: Floats | None = None) -> Floats:
+def solve(columns: Floats, residual: Floats, prior: Floats) -> Floats:
     """Return the least-squares coordinates of `residual` in `columns`, with a prior precision of each."""
     left = columns.T @ columns + np.diag(prior)
-    right = columns.T @ residual + (0.0 if pull is None else prior * pull)
-    return np.asarray(np.linalg.lstsq(left, right, rcond=1e-10)[0])
+    return np.asarray(np.linalg.lstsq(left, columns.T @ residual, rcond=1e-10)[0])
 
 
 def _expect(
@@ -339,7 +339,7 @@ def _scale(sensors: Sequence[Sequence[Summary]]) -> float:
     for i, one in enumerate(sensors):
         others = [s for k, s in enumerate(sensors) if k != i]
         as_run = measured(one)
-        summed = [_sum(column) for column in zip(*others, strict=True)]
+        summed = [add(column) for column in zip(*others, strict=True)]
         expected = expectation(as_run, summed)
         for root, where in zip(expected.roots(), as_run.points, strict=True):
             r = root @ (as_run.value[where] - expected.value[where])
@@ -347,10 +347,3 @@ def _scale(sensors: Sequence[Sequence[Summary]]) -> float:
             squares += float(np.sum(r[live] ** 2))
             freedom += int(live.sum())
     return max(squares / max(freedom, 1), 1e-3)
-
-
-def _sum(column: Sequence[Summary]) -> Summary:
-    total = column[0]
-    for other in column[1:]:
-        total = total + other
-    return total

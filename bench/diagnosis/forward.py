@@ -10,7 +10,6 @@ from bench.diagnosis.summary import summarise
 from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import recording_seed, simulate_point
 from sim_backend.pixel.engines.fast import FastEngine
-from sim_backend.pixel.engines.reference import processors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from bench.store.data import PointData
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["Forward", "Task", "processors"]
+__all__ = ["Forward", "Task"]
 
 
 @dataclass(frozen=True, slots=True)

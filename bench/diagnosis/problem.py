@@ -11,7 +11,7 @@ from bench.diagnosis.parameters import ALIGNMENT, Free, base_parameters, put, ti
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import Measured, expectation, measured
 from bench.diagnosis.start import Guess, guess
-from bench.diagnosis.summary import summarise
+from bench.diagnosis.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Problem", "Slot", "add", "settings_of"]
+__all__ = ["Problem", "Slot", "settings_of"]
 
 #: What may differ between settings of the camera; the noise is taken to be that of the pixel.
 _OF_A_SETTING = frozenset({"thresholds", "source_follower_bandwidth", "refractory_period"})
@@ -117,11 +117,3 @@ class Problem:
                 value = getattr(guesses[setting], slot.free.field)
             found.append(slot.free.coordinate(max(value, slot.free.lowest)))
         return found
-
-
-def add(summaries: Sequence[Summary]) -> Summary:
-    """Return the summary of several recordings of one point."""
-    total = summaries[0]
-    for other in summaries[1:]:
-        total = total + other
-    return total

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.analysis.tally import active_pixels, observed_s
-from bench.analysis.windows import test_windows
+from bench.analysis.tally import active_pixels, observed_s, outside_gaps
+from bench.analysis.windows import test_windows, window_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -82,8 +82,7 @@ class Recording:
         t, pixel, p = _gather(chunks, point)
         rank = frame.rank[pixel]
         keep = (rank >= 0) & (t <= round(point.duration_s * _US_PER_S))
-        for start_s, stop_s in point.gaps_s:
-            keep &= (t < start_s * _US_PER_S) | (t >= stop_s * _US_PER_S)
+        keep &= outside_gaps(t, point.gaps_s)
         self.t_us: Ints = t[keep]
         self.pixel: Ints = rank[keep]  #: from 0 to the number of pixels that were on
         self.p: npt.NDArray[np.uint8] = p[keep]  #: 1 ON, 0 OFF
@@ -96,8 +95,8 @@ class Recording:
     @cached_property
     def groups(self) -> tuple[Answers, ...]:
         """The answers to each group of test pulses."""
-        own = self._window(self.p)
-        other = self._window(1 - self.p)
+        own = window_of(self.frame.windows, self.t_us, self.p)
+        other = window_of(self.frame.windows, self.t_us, 1 - self.p)
         return tuple(self._answers(g, own, other) for g in range(len(self.frame.windows.groups)))
 
     def counts(self, polarity: int, begin: float = 0.0, end: float = 1.0) -> Floats:
@@ -107,21 +106,6 @@ class Recording:
         if end >= 1.0:
             mine |= (self.p == polarity) & (self.t_us >= span)
         return np.bincount(self.pixel[mine], minlength=self.frame.pixels).astype(np.float64)
-
-    def _window(self, polarity: npt.NDArray[np.uint8]) -> Ints:
-        """Return for each event the window, of tests of this polarity, in which it lies; -1 for none."""
-        windows = self.frame.windows
-        found = np.full(self.t_us.size, -1, np.int64)
-        for wanted in (0, 1):
-            mine = np.flatnonzero(windows.polarity == wanted)
-            events = np.flatnonzero(polarity == wanted)
-            if not (mine.size and events.size):
-                continue
-            last = np.searchsorted(windows.start_us[mine], self.t_us[events], side="right") - 1
-            candidate = mine[np.maximum(last, 0)]
-            inside = (last >= 0) & (self.t_us[events] < windows.stop_us[candidate])
-            found[events[inside]] = candidate[inside]
-        return found
 
     def _answers(self, group: int, own: Ints, other: Ints) -> Answers:
         frame, windows = self.frame, self.frame.windows

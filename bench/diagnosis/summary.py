@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Label", "Summary", "summarise"]
+__all__ = ["Label", "Summary", "add", "summarise"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,3 +113,11 @@ def summarise(recording: Recording, views: Sequence[View]) -> Summary:
         summands = np.array([tops[i], bottoms[i]])
         products[np.ix_([i, i + k], [i, i + k])] = summands @ summands.T
     return Summary(tuple(labels), np.array([t.sum() for t in tops]), np.array([b.sum() for b in bottoms]), products)
+
+
+def add(summaries: Sequence[Summary]) -> Summary:
+    """Return the summary of several recordings of one point."""
+    total = summaries[0]
+    for other in summaries[1:]:
+        total = total + other
+    return total
