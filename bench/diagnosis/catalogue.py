@@ -9,14 +9,14 @@ from bench.diagnosis.parameters import Free
 from sim_backend.pixel.effects.registry import effects
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from bench.diagnosis.parameters import Scale
     from bench.store.data import PointData
     from sim_backend.pixel.effects.base import Effect
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["NEEDS_KNOWN_THRESHOLDS", "candidates", "free_of", "probe_of"]
+__all__ = ["NEEDS_KNOWN_THRESHOLDS", "candidates", "cost_of", "free_of", "needs_array", "probe_of"]
 
 #: They are the same as other thresholds (and noise) while those are free.
 NEEDS_KNOWN_THRESHOLDS: Final = frozenset({"contrast_error", "injection_offset"})
@@ -48,6 +48,34 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "timestamp_jitter": (("sigma_s", "square", 3e-4, 0.05),),
     "trail_filter": (("window_s", "linear", 0.02, 1.0),),
 }
+
+
+#: Time that a simulation takes, beside that of the base pixel; a user's effect may go sample by sample.
+_COST: Final[dict[str, float]] = {
+    "light_rise_time": 4.0,
+    "light_drift": 8.0,
+    "light_flicker": 7.0,
+    "shot_noise": 25.0,
+    "photoreceptor_bandwidth": 8.0,
+    "low_frequency_noise": 8.0,
+    "high_pass": 20.0,
+}
+_COST_OF_A_USER: Final = 30.0
+
+
+def cost_of(model: PixelModel) -> float:
+    """Return about how long the model takes beside the base pixel."""
+    return max((_COST.get(e.id, 1.0 if e.id in _FITTED else _COST_OF_A_USER) for e in model.effects), default=1.0)
+
+
+def needs_array(model: PixelModel) -> bool:
+    """Return whether the model shows in what all pixels do together: a part of the pixels does not tell it."""
+    return any(e.stage in _OF_ALL_PIXELS and e.id not in _OF_ONE_PIXEL for e in model.effects)
+
+
+#: Stages that act on all pixels at once, and effects of these stages that do not.
+_OF_ALL_PIXELS: Final = frozenset({"light", "readout"})
+_OF_ONE_PIXEL: Final = frozenset({"stray_light", "nd_error", "contrast_error"})
 
 
 def free_of(effect: type[Effect]) -> tuple[Free, ...]:
@@ -85,13 +113,17 @@ def probe_of(effect: type[Effect], at: dict[str, float] | None = None) -> Effect
 
 
 def candidates(
-    model: PixelModel, points: Sequence[PointData], *, thresholds_known: bool = False
+    model: PixelModel,
+    points: Sequence[PointData],
+    *,
+    thresholds_known: bool = False,
+    without: Collection[str] = (),
 ) -> list[type[Effect]]:
-    """Return the effects that the model lacks and that may show in these points."""
+    """Return the effects that the model lacks and that may show in these points; those in `without` are left out."""
     filtered = any(p.nd_od > 0.0 for p in points)
     found = []
     for effect_id, effect in effects().items():
-        if model.effect(effect_id) is not None or not free_of(effect):
+        if model.effect(effect_id) is not None or not free_of(effect) or effect_id in without:
             continue
         if effect_id in NEEDS_KNOWN_THRESHOLDS and not thresholds_known:
             continue

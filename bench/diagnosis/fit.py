@@ -1,7 +1,9 @@
 """Fitting the free numbers of a model to a run: Gauss-Newton steps on simulated expectations.
 
 Every expectation is simulated, so any effect can be fitted, a user's own too. The same random numbers are used for
-all parameters of one fit, and what differs by no more than chance is taken not to differ.
+all parameters of one step. What is simulated is uncertain: changes by coordinate come from two sensors, and products
+of one sensor's changes with the other's have no chance in them. Squares would count it as information, and a fit
+would take it for a steep valley and creep.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis import robust
 from bench.diagnosis.parameters import ALIGNMENT, move
 from bench.diagnosis.residuals import expectation, measured
 from bench.diagnosis.summary import add
@@ -22,37 +25,37 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from bench.diagnosis.forward import Sensor
     from bench.diagnosis.problem import Problem, Slot
     from bench.diagnosis.residuals import Expectation
-    from bench.diagnosis.summary import Summary
     from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
 
 _LOG = logging.getLogger(__name__)
 
-__all__ = ["Fit", "fit", "prior_precision", "shrunk", "solve"]
+__all__ = ["Fit", "fit", "live", "longest_of", "prior_precision", "solve"]
 
-_ITERATIONS: Final = 7
-#: Changes below so many standard errors of the simulation are taken for chance.
-_CHANCE: Final = 1.7
-#: A step is not longer than this in any coordinate, in units of its probe.
-_SENSORS: Final = 2
-_LONGEST: Final = 6.0
+_ITERATIONS: Final = 8
+#: Effort of one expectation on the way, and at the solution.
+_ROUGH: Final = 0.15
+_SHARP: Final = 0.4
+_FINE: Final = 4.0
+_POLISHINGS: Final = 3
 #: Parts of a step that are tried.
 _LENGTHS: Final = (1.0, 0.4)
-#: A step longer than this part of the longest makes the changes by coordinate worth another simulation.
-_FAR: Final = 0.1
-#: Mean square of a residual up to which there is no doubt about the model.
-_USUAL: Final = 1.5
-#: From step to step the doubt falls by at least this factor; below the limit there is none.
-_TRUST: Final = 0.25
-_NO_DOUBT: Final = 3e-3
-_HALVINGS: Final = 24
-#: Statistics whose standard error is larger are not known.
-_KNOWN: Final = 1e5
+#: Parts of the longest step within which one is looked for; below the limit the fit ends.
+_RADII: Final = (1.0, 0.3, 0.1)
+_SHORTEST: Final = 0.02
+#: After the longest of them was the best, the next may be longer.
+_GROWS: Final = 4.0
+#: Changes by coordinate are first taken over so many steps, then over fewer: far away chance in them counts more.
+_WIDE: Final = 4.0
+_NARROWER: Final = 0.5
 #: A fit ends when a step would lower the loss by less than this.
 _SMALL: Final = 1.0
+#: Combinations of statistics that hardly vary are left out: their rows are zero.
+_LIVE: Final = 1e-5
 
 
 @dataclass(frozen=True)
@@ -78,19 +81,18 @@ class Fit:
 
     def whiten(self, values: Floats, points: Sequence[slice]) -> Floats:
         """Return residuals, or columns of changes, as independent numbers of unit variance."""
-        parts = [root @ values[where] for root, where in zip(self.roots, points, strict=True)]
-        return np.asarray(np.concatenate(parts) / np.sqrt(self.scale))
+        return np.asarray(_whiten(self.roots, values, points) / math.sqrt(self.scale))
 
     def covariance(self, points: Sequence[slice]) -> Floats:
         """(k, k) covariance of the coordinates."""
         first, second = (self.whiten(j, points) for j in self.jacobian)
-        information = _positive(first.T @ second) + np.diag(prior_precision(self.slots))
+        information = robust.positive(first.T @ second) + np.diag(prior_precision(self.slots))
         return np.asarray(np.linalg.pinv(information), np.float64)
 
 
 def fit(
-    problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int, sensors: int = 4,
-    iterations: int = _ITERATIONS,
+    problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int,
+    iterations: int = _ITERATIONS, span: float = _WIDE, prior: Floats | None = None,
 ) -> Fit:  # fmt: skip
     """Return the model with its numbers fitted.
 
@@ -100,49 +102,66 @@ def fit(
         Coordinates to start from.
     seed
         Of the simulations.
-    sensors
-        Simulated in the end, to sharpen what is expected.
+    span
+        Changes by coordinate are first taken over so many steps: several where the start may be far off.
+    prior
+        Coordinates that are expected before; None: those to start from.
     """
     slots = tuple(slots)
-    start = np.array(x, dtype=np.float64)
-    at = start.copy()
-    here, jacobian = _look(problem, model, slots, at, seed)
-    doubt = math.inf
+    at = np.array(x, dtype=np.float64)
+    start = at.copy() if prior is None else prior
+    radius = 1.0
+    here, jacobian = _look(problem, model, slots, at, seed, span)
     for step in range(iterations):
-        doubt = min(doubt_of(problem, here), _TRUST * doubt)
-        doubt = doubt if doubt > _NO_DOUBT else 0.0
-        delta, gain = _step(problem, here, jacobian, doubt, slots, at, start)
-        _LOG.debug("step %d, doubt %.3g, loss %.5g, gain %.4g", step, doubt, _loss(problem, here, 0.0), gain)
-        if doubt == 0.0 and gain < _SMALL:
+        deltas, gains = zip(
+            *(_step(problem, here, jacobian, slots, at, start, radius * part) for part in _RADII), strict=True
+        )
+        now = _loss(problem, here, slots, at, start)
+        _LOG.debug(
+            "step %d, radius %.2g, loss %.5g, gain %.4g, at %s", step, radius, now, gains[0], _shown(slots, at)
+        )
+        if span <= 1.0 and gains[0] < _SMALL:
             break
-        tries = [_inside(slots, at + length * delta) for length in _LENGTHS]
+        tries = [_inside(slots, at + delta) for delta in deltas]
         found = _expect(problem, model, slots, tries, seed)
-        best = min(range(len(tries)), key=lambda k: _loss(problem, found[k], doubt))
-        if _loss(problem, found[best], doubt) >= _loss(problem, here, doubt):
-            if doubt == 0.0:
-                break
-            continue
-        far = float(np.max(np.abs(tries[best] - at) / _longest_of(slots, at), initial=0.0)) > _FAR
-        at, here = tries[best], found[best]
-        if far and step < iterations - 1:
-            here, jacobian = _look(problem, model, slots, at, seed)
-    return finish(problem, model, slots, at, start, jacobian, seed + 1, sensors)
+        losses = [_loss(problem, e, slots, t, start) for e, t in zip(found, tries, strict=True)]
+        best = int(np.argmin(losses))
+        better = losses[best] < now
+        radius = min(radius * (_GROWS if best == 0 else _RADII[best]), 1.0) if better else radius * _RADII[-1]
+        span = max(span * _NARROWER, 1.0)
+        if radius < _SHORTEST and not better:
+            break
+        if better:
+            at = tries[best]
+        if step < iterations - 1:
+            here, jacobian = _look(problem, model, slots, at, seed, span)
+    return _finish(problem, model, slots, at, start, seed + 1)
 
 
-def finish(
-    problem: Problem, model: PixelModel, slots: tuple[Slot, ...], at: Floats, start: Floats, jacobian: Floats,
-    seed: int, sensors: int,
+def _finish(
+    problem: Problem, model: PixelModel, slots: tuple[Slot, ...], at: Floats, start: Floats, seed: int
 ) -> Fit:  # fmt: skip
-    """Simulate several sensors, take a last step on what they let expect, and return the fit."""
-    simulated = problem.simulate([problem.models(model, slots, at)], seed, sensors)[0]
-    here = _shifted(problem, problem.expect(simulated), slots, at)
-    delta, _ = _step(problem, here, jacobian, 0.0, slots, at, start)
-    # The last step is small: what is expected there follows from the changes by coordinate.
+    """Go to the minimum with more effort, and return the fit there."""
+    jacobian = _look(problem, model, slots, at, seed + 1, 1.0, sharp=True)[1]
     change = jacobian.mean(axis=0)
-    lasts = [_inside(slots, at + length * delta) for length in (0.0, *_LENGTHS)]
-    values = [here.value + change @ (last - at) for last in lasts]
-    best = min(range(len(lasts)), key=lambda k: _loss(problem, replace(here, value=values[k]), 0.0))
-    last, value = lasts[best], values[best]
+    simulated = problem.simulate([problem.models(model, slots, at)], seed, _FINE)[0]
+    here = _shifted(problem, problem.expect(simulated), slots, at)
+    for _ in range(_POLISHINGS):
+        to = _inside(slots, at + _step(problem, here, jacobian, slots, at, start, 1.0)[0])
+        again = problem.simulate([problem.models(model, slots, to)], seed, _FINE)[0]
+        there = _shifted(problem, problem.expect(again), slots, to)
+        before, after = _loss(problem, here, slots, at, start), _loss(problem, there, slots, to, start)
+        _LOG.debug("polishing, loss %.5g to %.5g, at %s", before, after, _shown(slots, to))
+        if after < before:
+            at, here, simulated = to, there, again
+        if after > before - _SMALL:
+            break
+    # The last step is small: what is expected there follows from the changes by coordinate.
+    delta = _step(problem, here, jacobian, slots, at, start, _SHORTEST)[0]
+    last = _inside(slots, at + delta)
+    value = here.value + change @ (last - at)
+    if _loss(problem, replace(here, value=value), slots, last, start) > _loss(problem, here, slots, at, start):
+        last, value = at, here.value
     return Fit(
         model=problem.models(model, slots, last)[0],
         slots=slots,
@@ -151,37 +170,47 @@ def finish(
         value=value,
         ratio=here.ratio,
         roots=here.roots(),
-        deviation=_deviation(here),
+        deviation=here.deviation,
         jacobian=jacobian,
         scale=_scale(simulated),
         residual=problem.measured.value - value,
     )
 
 
+def _shown(slots: Sequence[Slot], at: Floats) -> str:
+    return " ".join(f"{s.free.name}={s.free.value(x):.5g}" for s, x in zip(slots, at, strict=True))
+
+
 def _look(
-    problem: Problem, model: PixelModel, slots: Sequence[Slot], at: Floats, seed: int
-) -> tuple[Expectation, Floats]:
+    problem: Problem, model: PixelModel, slots: Sequence[Slot], at: Floats, seed: int, span: float,
+    *, sharp: bool = False,
+) -> tuple[Expectation, Floats]:  # fmt: skip
     """Return what is expected at these coordinates, and (2, n, k) how that changes, from each of two sensors.
 
-    Two sensors do not share what is chance in their changes. Squares of changes would count it as information, and
-    a fit would take it for a steep valley and creep; products of one sensor's changes with the other's do not.
+    `span` is the difference between coordinates over which a change is taken, in usual steps; for a sharp look it is
+    taken to both sides, with more effort.
     """
-    moved = [at]
     simulated = [i for i, slot in enumerate(slots) if slot.free.owner != ALIGNMENT]
+    ends = []
     for i in simulated:
         to = at.copy()
-        to[i] = move(slots[i].free, at[i])
-        moved.append(to)
-    found = problem.simulate([problem.models(model, slots, x) for x in moved], seed, _SENSORS)
+        to[i] = move(slots[i].free, at[i], span)
+        opposite = at.copy()
+        opposite[i] = max(2.0 * at[i] - to[i], slots[i].free.range[0]) if sharp else at[i]
+        ends.append((opposite, to))
+    places = [at, *(to for _, to in ends), *(back for back, _ in ends if sharp)]
+    found = problem.simulate([problem.models(model, slots, x) for x in places], seed, _SHARP if sharp else _ROUGH)
     here = _shifted(problem, problem.expect(found[0]), slots, at)
-    out = np.zeros((_SENSORS, len(here.value), len(slots)))
+    out = np.zeros((2, len(here.value), len(slots)))
     for i, slot in enumerate(slots):
         if slot.free.owner == ALIGNMENT:
             out[:, :, i] = later(problem, here)
-    for sensor in range(_SENSORS):
-        alone = problem.expect([found[0][sensor]]).value
-        for i, there, to in zip(simulated, found[1:], moved[1:], strict=True):
-            out[sensor, :, i] = (problem.expect([there[sensor]]).value - alone) / (to[i] - at[i])
+    above = found[1 : 1 + len(ends)]
+    below = found[1 + len(ends) :] if sharp else [found[0]] * len(ends)
+    for half in range(2):
+        for i, up, down, (back, to) in zip(simulated, above, below, ends, strict=True):
+            apart = problem.expect(up[half::2]).value - problem.expect(down[half::2]).value
+            out[half, :, i] = apart / (to[i] - back[i])
     return here, out
 
 
@@ -197,13 +226,6 @@ def later(problem: Problem, here: Expectation) -> Floats:
     return change
 
 
-def shrunk(change: Floats, deviation: Floats) -> Floats:
-    """Return a change without what may be chance (non-negative garrote)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        keep = 1.0 - (_CHANCE * deviation / change) ** 2
-    return change * np.where(np.isfinite(keep), np.maximum(keep, 0.0), 0.0)
-
-
 def solve(columns: Floats, residual: Floats, prior: Floats) -> Floats:
     """Return the least-squares coordinates of `residual` in `columns`, with a prior precision of each."""
     left = columns.T @ columns + np.diag(prior)
@@ -213,7 +235,7 @@ def solve(columns: Floats, residual: Floats, prior: Floats) -> Floats:
 def _expect(
     problem: Problem, model: PixelModel, slots: Sequence[Slot], xs: Sequence[Floats], seed: int
 ) -> list[Expectation]:
-    found = problem.simulate([problem.models(model, slots, x) for x in xs], seed, _SENSORS)
+    found = problem.simulate([problem.models(model, slots, x) for x in xs], seed, _ROUGH)
     return [_shifted(problem, problem.expect(sensors), slots, x) for sensors, x in zip(found, xs, strict=True)]
 
 
@@ -223,62 +245,39 @@ def _shifted(problem: Problem, here: Expectation, slots: Sequence[Slot], x: Floa
     return replace(here, value=here.value + late * later(problem, here)) if late else here
 
 
-def _deviation(here: Expectation) -> Floats:
-    more = 1.0 + 1.0 / here.recordings
-    return np.concatenate([np.sqrt(np.diag(c) * more) for c in here.covariance])
-
-
 def _step(
-    problem: Problem, here: Expectation, jacobian: Floats, doubt: float,
-    slots: Sequence[Slot], at: Floats, start: Floats,
+    problem: Problem, here: Expectation, jacobian: Floats, slots: Sequence[Slot], at: Floats, start: Floats,
+    radius: float,
 ) -> tuple[Floats, float]:  # fmt: skip
-    """Return the Gauss-Newton step, and by how much it would lower the weighted sum of squares.
-
-    `doubt` is an error of the model in each statistic that is allowed for, relative to it: far from the solution the
-    sharpest statistics would pull the others with them.
-    """
-    points, residual = problem.measured.points, problem.measured.value - here.value
-    deviation = _deviation(here)
-    root_weights = deviation / np.hypot(deviation, doubt * _typical(problem, here))
-    roots = here.roots()
-    r = np.concatenate([w @ (residual * root_weights)[p] for w, p in zip(roots, points, strict=True)])
-    first, second = (
-        np.concatenate([w @ (j * root_weights[:, None])[p] for w, p in zip(roots, points, strict=True)])
-        for j in jacobian
+    """Return the step that lowers the loss most where all changes are linear, and by how much; not a long one."""
+    points, roots = problem.measured.points, here.roots()
+    first, second = (_whiten(roots, j, points) for j in jacobian)
+    longest = radius * longest_of(slots, at)
+    low, high = (np.array([s.free.range[end] for s in slots]) for end in (0, 1))
+    delta, gain = robust.solve(
+        0.5 * (first + second),
+        0.5 * (first - second),
+        _whiten(roots, problem.measured.value - here.value, points),
+        prior_precision(slots),
+        start - at,
+        np.maximum(low - at, -longest),
+        np.minimum(high - at, longest),
     )
-    information = _positive(first.T @ second)
-    prior = prior_precision(slots)
-    pull = 0.5 * (first + second).T @ r
-    left = information + np.diag(prior)
-    delta = np.linalg.lstsq(left, pull + prior * (start - at), rcond=1e-10)[0]
-    longest = _longest_of(slots, at)
-    delta = delta / max(float(np.max(np.abs(delta) / longest, initial=0.0)), 1.0)
-    delta = _inside(slots, at + delta) - at
-    return delta, float(2.0 * pull @ delta - delta @ information @ delta)
+    return delta, gain
 
 
-def _positive(product: Floats) -> Floats:
-    """Return the nearest symmetric matrix without negative eigenvalues."""
-    values, vectors = np.linalg.eigh(0.5 * (product + product.T))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+def _whiten(roots: Sequence[Floats], values: Floats, points: Sequence[slice]) -> Floats:
+    return np.concatenate([root @ values[where] for root, where in zip(roots, points, strict=True)])
 
 
-def _typical(problem: Problem, here: Expectation) -> Floats:
-    """Return the size of each statistic in which a doubt about the model counts."""
-    of = problem.measured
-    size = np.ones(len(here.value))
-    for i, label in enumerate(of.labels):
-        if label.kind == "share":
-            size[i] = math.sqrt(max(of.bottom[i], 1.0))
-        elif label.kind == "count":
-            size[i] = max(abs(here.value[i]), abs(of.value[i]))
-        elif label.kind == "difference":
-            size[i] = 0.25
-    return size
-
-
-def _longest_of(slots: Sequence[Slot], at: Floats) -> Floats:
+def longest_of(slots: Sequence[Slot], at: Floats) -> Floats:
+    """(k,) how far each coordinate may go from here before straight lines say nothing."""
     return np.array([_longest(s, a) for s, a in zip(slots, at, strict=True)])
+
+
+#: No step is longer than this: in ln units for a threshold, and for other numbers of the base pixel.
+_LONGEST_THRESHOLD: Final = 0.3
+_LONGEST_BASE: Final = 0.7
 
 
 def _longest(slot: Slot, at: float) -> float:
@@ -286,7 +285,7 @@ def _longest(slot: Slot, at: float) -> float:
     if free.owner == ALIGNMENT:
         return 4.0 * free.prior_sd
     if not free.effect:
-        return _LONGEST * 0.05 if free.owner == "thresholds" else _LONGEST * 0.15
+        return _LONGEST_THRESHOLD if free.owner == "thresholds" else _LONGEST_BASE
     if free.scale == "log":
         return 1.0
     probe = abs(free.coordinate(free.probe))
@@ -302,48 +301,26 @@ def prior_precision(slots: Sequence[Slot]) -> Floats:
     return np.array([0.0 if np.isinf(s.free.prior_sd) else s.free.prior_sd**-2 for s in slots])
 
 
-def doubt_of(problem: Problem, here: Expectation) -> float:
-    """Return the relative error of the model that makes its residuals as large as they are, all in all; 0 for none.
-
-    With a wrong model the sharpest statistics would otherwise outweigh all others, and pull every number with them.
-    """
-    residual, deviation = problem.measured.value - here.value, _deviation(here)
-    informed = deviation < _KNOWN
-    residual, deviation, typical = (a[informed] for a in (residual, deviation, _typical(problem, here)))
-
-    def excess(doubt: float) -> float:
-        return float(np.mean(residual**2 / (deviation**2 + (doubt * typical) ** 2))) - _USUAL
-
-    if not informed.any() or excess(0.0) <= 0.0:
-        return 0.0
-    low, high = 0.0, 1.0
-    while excess(high) > 0.0 and high < 1e6:
-        high *= 2.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) > 0.0 else (low, middle)
-    return high
+def _loss(problem: Problem, here: Expectation, slots: Sequence[Slot], at: Floats, start: Floats) -> float:
+    """Return the loss of the independent residuals, and what the prior adds."""
+    residual = _whiten(here.roots(), problem.measured.value - here.value, problem.measured.points)
+    return robust.loss(residual) + float(np.sum(prior_precision(slots) * (at - start) ** 2))
 
 
-def _loss(problem: Problem, here: Expectation, doubt: float) -> float:
-    """Return the sum of squares of the residuals, with a doubt about the model."""
-    residual = problem.measured.value - here.value
-    return float(np.sum(residual**2 / (_deviation(here) ** 2 + (doubt * _typical(problem, here)) ** 2)))
+def live(root: Floats) -> Floats:
+    """(k,) which combinations of the statistics of a point count."""
+    return np.asarray(np.abs(root).sum(axis=1) > _LIVE)
 
 
-def _scale(sensors: Sequence[Sequence[Summary]]) -> float:
+def _scale(sensors: Sequence[Sensor]) -> float:
     """Return the mean square residual of a run of the model itself: each simulated sensor against the others."""
-    if len(sensors) < 2:
-        return 1.0
     squares, freedom = 0.0, 0
     for i, one in enumerate(sensors):
-        others = [s for k, s in enumerate(sensors) if k != i]
-        as_run = measured(one)
-        summed = [add(column) for column in zip(*others, strict=True)]
-        expected = expectation(as_run, summed)
+        others = [s.summaries for k, s in enumerate(sensors) if k != i]
+        as_run = measured(one.summaries)
+        expected = expectation(as_run, [add(column) for column in zip(*others, strict=True)])
         for root, where in zip(expected.roots(), as_run.points, strict=True):
-            r = root @ (as_run.value[where] - expected.value[where])
-            live = np.abs(root).sum(axis=1) > 1e-5
-            squares += float(np.sum(r[live] ** 2))
-            freedom += int(live.sum())
+            counts = live(root)
+            squares += float(np.sum((root @ (as_run.value[where] - expected.value[where]))[counts] ** 2))
+            freedom += int(counts.sum())
     return max(squares / max(freedom, 1), 1e-3)

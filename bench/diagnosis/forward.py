@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from bench.diagnosis.recording import Frame, Recording
+from bench.diagnosis.same_law import representatives
 from bench.diagnosis.summary import summarise
 from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import recording_seed, simulate_point
+from protocols.points import Roi
 from sim_backend.pixel.engines.fast import FastEngine
 
 if TYPE_CHECKING:
@@ -19,7 +24,18 @@ if TYPE_CHECKING:
     from bench.store.data import PointData
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["Forward", "Task"]
+__all__ = ["Forward", "Sensor", "Task"]
+
+#: A window is not made smaller than this many pixels on a side.
+_FEWEST: Final = 4
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What one simulated sensor showed in all points."""
+
+    summaries: tuple[Summary, ...]  #: of each point
+    share: float  #: of the pixels of the run that it has
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,22 +47,38 @@ class Task:
     dt_s: float
     seed: int
     sensor: int
+    share: float = 1.0  #: of the pixels
 
 
-def summaries_of(task: Task) -> list[Summary]:
-    """Simulate a task."""
+def sensor_of(task: Task) -> Sensor:
+    """Simulate a task; points with the same law are taken once."""
     engine = FastEngine(task.dt_s, threads=1)
-    found = []
-    for point, model in zip(task.points, task.models, strict=True):
+    found: list[Summary] = []
+    for index, same in enumerate(representatives(task.points, task.models)):
+        point = task.points[index]
+        if same < index:
+            found.append(found[same].at(point))
+            continue
+        window = point if task.share >= 1.0 else _part(point, task.share)
         events = simulate_point(
-            point,
-            model,
+            window,
+            task.models[index],
             engine,
             sensor_seed=recording_seed(task.seed, task.sensor, 0),
             seed=recording_seed(task.seed, task.sensor, 1 + point.index),
         )
-        found.append(summarise(Recording(Frame(point), events), VIEWS))
-    return found
+        found.append(summarise(Recording(Frame(window), events), VIEWS))
+    whole = sum(p.roi.pixels for p in task.points)
+    return Sensor(tuple(found), sum(_part(p, task.share).roi.pixels for p in task.points) / whole)
+
+
+def _part(point: PointData, share: float) -> PointData:
+    """Return the point with a smaller window, all of whose pixels are on."""
+    if share >= 1.0:
+        return point
+    roi = point.roi
+    width, height = (min(n, max(_FEWEST, math.ceil(n * math.sqrt(share) - 1e-9))) for n in (roi.width, roi.height))
+    return replace(point, roi=Roi(roi.x, roi.y, width, height), masked=np.zeros((0, 2), np.uint16))
 
 
 class Forward:
@@ -73,8 +105,14 @@ class Forward:
         self._done = done
         self.simulated = 0  #: sensors so far
 
-    def run(self, models: Sequence[Sequence[PixelModel]], seed: int, sensors: int = 1) -> list[list[list[Summary]]]:
-        """Return the summaries of all points, for each sensor of each model.
+    def run(
+        self,
+        models: Sequence[Sequence[PixelModel]],
+        seed: int,
+        sensors: int = 1,
+        share: float | Sequence[float] = 1.0,
+    ) -> list[list[Sensor]]:
+        """Return what each sensor of each model shows.
 
         Models that are given together see the same random numbers, so that their differences are sharp.
 
@@ -84,11 +122,18 @@ class Forward:
             For each model what holds at each point.
         seed, sensors
             Sensors of another number, or seed, are others.
+        share
+            Part of the pixels that is simulated, of all models or of each: quicker, and less certain.
         """
-        tasks = [Task(self._points, tuple(m), self.dt_s, seed, s) for m in models for s in range(sensors)]
-        found: list[list[list[Summary]]] = [[] for _ in models]
-        for index, summaries in self._executor.map(summaries_of, tasks, ordered=True, name=_name):
-            found[index // sensors].append(summaries)
+        shares = [share] * len(models) if isinstance(share, float) else list(share)
+        tasks = [
+            Task(self._points, tuple(m), self.dt_s, seed, s, part)
+            for m, part in zip(models, shares, strict=True)
+            for s in range(sensors)
+        ]
+        found: list[list[Sensor]] = [[] for _ in models]
+        for index, sensor in self._executor.map(sensor_of, tasks, ordered=True, name=_name):
+            found[index // sensors].append(sensor)
             self.simulated += 1
             if self._done is not None:
                 self._done()

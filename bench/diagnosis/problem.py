@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.catalogue import cost_of, free_of, needs_array
 from bench.diagnosis.parameters import ALIGNMENT, Free, base_parameters, put, time_offset
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import Measured, expectation, measured
+from bench.diagnosis.same_law import representatives
 from bench.diagnosis.start import Guess, guess
 from bench.diagnosis.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Sequence
+    from collections.abc import Hashable, Iterator, Sequence
 
     import numpy.typing as npt
 
-    from bench.diagnosis.forward import Forward
+    from bench.diagnosis.forward import Forward, Sensor
     from bench.diagnosis.residuals import Expectation
-    from bench.diagnosis.summary import Summary
     from bench.store.data import PointData
     from sim_backend.pixel.model import PixelModel
 
@@ -30,10 +31,16 @@ if TYPE_CHECKING:
 __all__ = ["Problem", "Slot", "settings_of"]
 
 #: What may differ between settings of the camera; the noise is taken to be that of the pixel.
-_OF_A_SETTING = frozenset({"thresholds", "source_follower_bandwidth", "refractory_period"})
+_OF_A_SETTING: Final = frozenset({"thresholds", "source_follower_bandwidth", "refractory_period"})
+
+#: Sensors that are simulated at the least: what differs between them is chance.
+_SENSORS: Final = 2
+#: Runs that are simulated of a model, at the least and at the most.
+_LEAST: Final = 0.125
+_MOST: Final = 24.0
 
 #: Times are known no better than this beside the stimulus.
-_TIMING_S = 1e-5
+_TIMING_S: Final = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +91,10 @@ class Problem:
             slots += [Slot(free, s) for s in range(self.settings)] if per_setting else [Slot(free)]
         return [*slots, Slot(time_offset(self.timing_sd_s))]
 
+    def slots_of(self, model: PixelModel) -> list[Slot]:
+        """Return the free numbers of the base pixel, and of the effects that a model has."""
+        return [*self.base_slots(), *(Slot(f) for e in model.effects for f in free_of(type(e)))]
+
     def models(self, model: PixelModel, slots: Sequence[Slot], x: Sequence[float] | Floats) -> list[PixelModel]:
         """Return the model of each point."""
         by_setting = []
@@ -92,16 +103,53 @@ class Problem:
             by_setting.append(put(model, [f for f, _ in mine], [c for _, c in mine]))
         return [by_setting[s] for s in self.setting]
 
-    def simulate(self, models: Sequence[Sequence[PixelModel]], seed: int, sensors: int) -> list[list[list[Summary]]]:
-        """Return the summaries of each sensor of each model."""
-        return self.forward.run(models, seed, sensors)
+    def cost(self, models: Sequence[PixelModel]) -> float:
+        """Return the time of a simulated run beside that of a base pixel to which all points are different."""
+        return cost_of(models[0]) * len(set(representatives(self.points, models))) / max(len(models), 1)
 
-    def expect(self, sensors: Sequence[Sequence[Summary]]) -> Expectation:
-        """Return what some simulated sensors let expect."""
-        return expectation(self.measured, [add(column) for column in zip(*sensors, strict=True)])
+    def simulate(self, models: Sequence[Sequence[PixelModel]], seed: int, effort: float) -> list[list[Sensor]]:
+        """Return what simulated sensors of each model show: two or more, of as many pixels as the effort allows.
+
+        Parameters
+        ----------
+        effort
+            Runs of the base pixel, to which all points are different, that take as long.
+        """
+        amounts = [min(max(effort / self.cost(m), _LEAST), _MOST) for m in models]
+        sensors = [max(int(a), _SENSORS) for a in amounts]
+        found: list[list[Sensor]] = [[] for _ in models]
+        for number in sorted(set(sensors)):
+            mine = [i for i, s in enumerate(sensors) if s == number]
+            shares = [1.0 if needs_array(models[i][0]) else min(amounts[i] / number, 1.0) for i in mine]
+            for i, seen in zip(mine, self.forward.run([models[i] for i in mine], seed, number, shares), strict=True):
+                found[i] = seen
+        return found
+
+    def expect(self, sensors: Sequence[Sensor]) -> Expectation:
+        """Return what some simulated sensors, of equally many pixels, let expect."""
+        columns = zip(*(s.summaries for s in sensors), strict=True)
+        return expectation(self.measured, [add(column) for column in columns], sensors[0].share)
+
+    def changes(
+        self, base: Sequence[PixelModel], models: Sequence[Sequence[PixelModel]], seed: int, effort: float
+    ) -> Iterator[Floats]:
+        """Yield for each model (2, n) how its expected values differ from those of the base model, for two sensors.
+
+        Both are simulated with the same random numbers, and of equally many pixels.
+        """
+        simulated = self.simulate(models, seed, effort)
+        sizes = sorted({(len(s), s[0].share) for s in simulated})
+        known = {
+            (number, share): self.forward.run([base], seed, number, share)[0] for number, share in sizes
+        }  # fmt: skip
+        for there in simulated:
+            here = known[len(there), there[0].share]
+            yield np.stack(
+                [self.expect(there[half::2]).value - self.expect(here[half::2]).value for half in range(2)]
+            )  # fmt: skip
 
     def start(self, model: PixelModel, *, by_eye: bool = True) -> list[float]:
-        """Return the coordinates of the base pixel's numbers: those of the model, or what the curves show by eye."""
+        """Return the coordinates of a model's free numbers; of the base pixel perhaps what the curves show by eye."""
         own = Guess(model.theta_on, model.theta_off, model.noise_rms, model.corner_hz)
         guesses = [guess(self, s, own) if by_eye else own for s in range(self.settings)]
         found = []
@@ -116,4 +164,4 @@ class Problem:
             else:
                 value = getattr(guesses[setting], slot.free.field)
             found.append(slot.free.coordinate(max(value, slot.free.lowest)))
-        return found
+        return [*found, *(f.coordinate(getattr(e, f.field)) for e in model.effects for f in free_of(type(e)))]

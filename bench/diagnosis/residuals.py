@@ -52,12 +52,21 @@ class Expectation:
     ratio: Floats  #: (n,) in the label's unit
     value: Floats  #: (n,) transformed
     covariance: tuple[Floats, ...]  #: (k, k) of each point: of one recording, transformed
-    recordings: int  #: simulated ones, which make it uncertain too
+    recordings: float  #: simulated ones, which make it uncertain too
 
-    def roots(self, *, monte_carlo: float = 1.0) -> tuple[Floats, ...]:
+    @property
+    def more(self) -> float:
+        """Variance of measured less expected, beside that of a recording."""
+        return 1.0 + 1.0 / self.recordings
+
+    @property
+    def deviation(self) -> Floats:
+        """(n,) standard errors of measured less expected."""
+        return np.concatenate([np.sqrt(np.diag(c) * self.more) for c in self.covariance])
+
+    def roots(self) -> tuple[Floats, ...]:
         """Return for each point the matrix that makes its residuals independent, of unit variance."""
-        more = 1.0 + monte_carlo / self.recordings
-        return tuple(_whitener(c * more) for c in self.covariance)
+        return tuple(_whitener(c * self.more) for c in self.covariance)
 
 
 def measured(summaries: Sequence[Summary]) -> Measured:
@@ -71,8 +80,14 @@ def measured(summaries: Sequence[Summary]) -> Measured:
     return Measured(labels, slices, ratio, bottom, _transform(labels, ratio, bottom), variance)
 
 
-def expectation(of: Measured, summaries: Sequence[Summary]) -> Expectation:
-    """Return what simulated recordings let expect of the run."""
+def expectation(of: Measured, summaries: Sequence[Summary], share: float = 1.0) -> Expectation:
+    """Return what simulated recordings let expect of the run.
+
+    Parameters
+    ----------
+    share
+        Of the pixels that was simulated; what depends on their number is not known from a part of them.
+    """
     values, ratios, covariances = [], [], []
     for where, summary in zip(of.points, summaries, strict=True):
         labels, bottom = of.labels[where], of.bottom[where]
@@ -84,12 +99,13 @@ def expectation(of: Measured, summaries: Sequence[Summary]) -> Expectation:
             scale = np.sqrt(np.where(bottom > 0.0, each / np.where(bottom > 0.0, bottom, 1.0), 1.0))
         turn = slope * scale
         covariance = summary.covariance() * np.outer(turn, turn)
-        covariances.append(
-            _bounded(labels, covariance, bottom, summary.bottom, of.ratio[where], ratio, of.variance[where])
-        )
+        covariance = _bounded(labels, covariance, bottom, summary.bottom, of.ratio[where], ratio, of.variance[where])
+        covariances.append(covariance if share >= 1.0 else _without_array(labels, covariance))
         ratios.append(ratio)
         values.append(_transform(labels, ratio, bottom))
-    return Expectation(np.concatenate(ratios), np.concatenate(values), tuple(covariances), summaries[0].recordings)
+    return Expectation(
+        np.concatenate(ratios), np.concatenate(values), tuple(covariances), summaries[0].recordings * share
+    )
 
 
 def _transform(labels: Sequence[Label], ratio: Floats, bottom: Floats) -> Floats:
@@ -146,6 +162,13 @@ def _bounded(
     off[:, alone] = 0.0
     np.fill_diagonal(off, variance)
     return off
+
+
+def _without_array(labels: Sequence[Label], covariance: Floats) -> Floats:
+    array = np.array([label.of_array for label in labels], dtype=np.bool_)
+    found = np.where(array[:, None] | array[None, :], 0.0, covariance)
+    found[array, array] = _NOTHING
+    return found
 
 
 def _whitener(covariance: Floats) -> Floats:

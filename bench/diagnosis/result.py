@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["Candidate", "Diagnosis", "Error", "Misfit", "Remainder", "Step", "Value", "Verdict"]
+__all__ = ["Candidate", "Error", "Misfit", "Outcome", "Remainder", "Step", "Value", "Verdict"]
 
 Verdict = Literal["explained", "unexplained", "nothing_missing", "data_not_fit_to_judge"]
 
@@ -132,7 +132,7 @@ class Remainder:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Outcome:
     """What was found."""
 
     runs: tuple[str, ...]

@@ -1,8 +1,8 @@
-"""Which effect would explain what the fitted model does not: each candidate is probed once, and nothing is refitted.
+"""Which effect would explain what the fitted model does not: each candidate is probed, and nothing is refitted.
 
-A probe gives the direction in which an effect moves all statistics. How far the residuals lie along it, beyond
-what the free numbers can take up, is a score test; the expected size follows. Two sensors are simulated for each
-probe: the products of their changes know the size of an effect without the chance in it.
+A probe gives the direction in which an effect of some size moves all statistics. How far the residuals lie along it,
+beyond what the free numbers can take up, is a score test; the expected size follows. Where the model is far off an
+effect is not small, and no straight line: so each is probed at several sizes.
 """
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis import robust
 from bench.diagnosis.catalogue import free_of, probe_of
-from bench.diagnosis.fit import shrunk
+from bench.diagnosis.fit import longest_of, prior_precision
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     import numpy.typing as npt
 
@@ -30,11 +31,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Probe", "Scores", "probe", "score"]
 
-#: An effect is probed again where it is seen with less, or more, than so many standard errors.
-_FAINT: Final = 5.0
-_GROSS: Final = 40.0
-_WANTED: Final = 15.0
-_MOST: Final = 10.0  #: factor by which a probe is made larger or smaller
+#: Sizes at which an effect is probed, beside that of the catalogue, in its coordinate.
+_SIZES: Final = (0.25, 1.0, 4.0)
+#: Effort of each.
+_EFFORT: Final = 0.15
+#: A probe says something about effects up to so many times its size.
+_BEYOND: Final = 2.0
 #: A direction that is shorter, in standard errors, is none.
 _INVISIBLE: Final = 1e-3
 _DRAWS: Final = 20000
@@ -42,7 +44,7 @@ _DRAWS: Final = 20000
 
 @dataclass(frozen=True)
 class Probe:
-    """An effect at a size at which it can be seen, and what it does to all statistics."""
+    """An effect at some size, and what it does to all statistics."""
 
     effect: type[Effect]
     free: tuple[Free, ...]  #: the numbers that switch it on, each probed by itself
@@ -54,37 +56,14 @@ class Probe:
 class Scores:
     """What the probes say about the residuals of a fit."""
 
-    probes: tuple[Probe, ...]
-    drop: Floats  #: (c,) expected fall of the deviance
+    probes: tuple[Probe, ...]  #: of each candidate, at the size that explains most
+    drop: Floats  #: (c,) expected fall of the loss
     p_value: Floats  #: (c,) of that fall, each by itself
     p_best: Floats  #: (c,) of that fall for the best of all candidates
     size: tuple[Floats, ...]  #: (k,) of each: coordinates that are expected
+    base: tuple[Floats, ...]  #: (b,) of each: by how much the free numbers of the fit are expected to change
     seen: Floats  #: (c,) standard errors with which the probe would be seen
     likeness: Floats  #: (c, c) cosine of the directions of two effects, beyond what the free numbers take up
-
-
-def probe(
-    problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int, at: Mapping[str, float]
-) -> list[Probe]:
-    """Return the probes of some effects.
-
-    Parameters
-    ----------
-    at
-        Values that the data suggest, by ``effect.parameter``; others are the catalogue's.
-    """
-    found = _probes(problem, fit, [(e, 1.0) for e in effects], seed, at)
-    again = []
-    for i, one in enumerate(found):
-        seen = _seen(fit, problem, one)
-        if seen < _FAINT:
-            again.append((i, min(_WANTED / max(seen, 1e-9), _MOST)))
-        elif seen > _GROSS:
-            again.append((i, max(_WANTED / seen, 1.0 / _MOST)))
-    better = _probes(problem, fit, [(found[i].effect, factor) for i, factor in again], seed, at)
-    for (i, _), one in zip(again, better, strict=True):
-        found[i] = one
-    return found
 
 
 def switches(effect: type[Effect]) -> tuple[Free, ...]:
@@ -92,50 +71,36 @@ def switches(effect: type[Effect]) -> tuple[Free, ...]:
     return tuple(f for f in free_of(effect) if f.scale != "log")
 
 
-def _probes(
-    problem: Problem, fit: Fit, wanted: Sequence[tuple[type[Effect], float]], seed: int, at: Mapping[str, float]
-) -> list[Probe]:
-    if not wanted:
-        return []
-    places: list[list[float]] = []
-    models = [problem.models(fit.model, fit.slots, fit.x)]
-    for effect, factor in wanted:
-        mine = []
-        values = {f.name: at.get(f.key, f.probe) for f in free_of(effect)}
-        for free in switches(effect):
-            low, high = free.range
-            coordinate = min(max(free.coordinate(values[free.name]) * factor, low), high)
-            off = {f.name: _null(effect, f) for f in switches(effect) if f is not free}
-            one = probe_of(effect, {**values, **off, free.name: free.value(coordinate)})
-            models.append([m + one for m in models[0]])
-            mine.append(coordinate)
-        places.append(mine)
-    simulated = problem.simulate(models, seed, 2)
-    base = [problem.expect([s]).value for s in simulated[0]]
-    found, row = [], 1
-    for (effect, _), mine in zip(wanted, places, strict=True):
-        columns = np.empty((2, len(fit.value), len(mine)))
-        for k in range(len(mine)):
-            for sensor in range(2):
-                columns[sensor, :, k] = problem.expect([simulated[row][sensor]]).value - base[sensor]
-            row += 1
-        both = columns.mean(axis=0)
-        # What may be chance in the mean of both is taken out of each.
-        keep = np.stack([shrunk(both[:, k], fit.deviation) for k in range(len(mine))], axis=1)
-        part = np.divide(keep, both, out=np.zeros_like(both), where=both != 0.0)
-        whitened = np.stack([fit.whiten(c * part, problem.measured.points) for c in columns])
-        found.append(Probe(effect, switches(effect), tuple(mine), whitened))
+def probe(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int) -> list[list[Probe]]:
+    """Return the probes of some effects, each at several sizes."""
+    base = problem.models(fit.model, fit.slots, fit.x)
+    places: list[tuple[int, tuple[float, ...]]] = []
+    models = []
+    for number, effect in enumerate(effects):
+        for factor in _SIZES:
+            at = tuple(_coordinate(f, factor) for f in switches(effect))
+            places.append((number, at))
+            for free, coordinate in zip(switches(effect), at, strict=True):
+                off = {f.name: _null(effect, f) for f in switches(effect) if f is not free}
+                one = probe_of(effect, {**off, free.name: free.value(coordinate)})
+                models.append([m + one for m in base])
+    changes = iter(problem.changes(base, models, seed, _EFFORT))
+    found: list[list[Probe]] = [[] for _ in effects]
+    for number, at in places:
+        columns = np.stack([next(changes) for _ in at], axis=2)
+        whitened = np.stack([fit.whiten(half, problem.measured.points) for half in columns])
+        found[number].append(Probe(effects[number], switches(effects[number]), at, whitened))
     return found
+
+
+def _coordinate(free: Free, factor: float) -> float:
+    low, high = free.range
+    return min(max(free.coordinate(free.probe) * factor, low), high)
 
 
 def _null(effect: type[Effect], free: Free) -> float:
     null = next(p.null for p in effect.parameters() if p.name == free.name)
     return 0.0 if null is None else null
-
-
-def _seen(fit: Fit, problem: Problem, one: Probe) -> float:
-    first, second = _beyond(fit, problem, one.change[0]), _beyond(fit, problem, one.change[1])
-    return math.sqrt(max(float(np.sum(first * second)) / first.shape[1], 0.0))
 
 
 def _beyond(fit: Fit, problem: Problem, columns: Floats) -> Floats:
@@ -151,57 +116,72 @@ def _basis(fit: Fit, problem: Problem) -> Floats:
     return np.asarray(u[:, s > 1e-6])
 
 
-def score(problem: Problem, fit: Fit, probes: Sequence[Probe], seed: int) -> Scores:
+def score(problem: Problem, fit: Fit, probes: Sequence[Sequence[Probe]], seed: int) -> Scores:
     """Return how well each effect would explain the residuals of a fit.
 
     The p-value of the best of all is that of as large a fall for any candidate, among runs in which nothing is
     missing: their scores are normal, with the covariance of the directions (parametric bootstrap).
     """
-    points = problem.measured.points
-    residual = fit.whiten(fit.residual, points)
-    rest = residual - _basis(fit, problem) @ (_basis(fit, problem).T @ residual)
-    spans = [[_beyond(fit, problem, one.change[s]) for s in range(2)] for one in probes]
+    residual = fit.whiten(fit.residual, problem.measured.points)
+    alone = _explain(problem, fit, residual, None)[2]
+    chosen, drops, sizes, bases = [], [], [], []
+    for several in probes:
+        tried = [_explain(problem, fit, residual, one) for one in several]
+        best = int(np.argmax([fall for _, _, fall in tried]))
+        chosen.append(several[best])
+        bases.append(tried[best][0])
+        sizes.append(tried[best][1])
+        drops.append(max(tried[best][2] - alone, 0.0))
+    rest = _beyond(fit, problem, residual[:, None])[:, 0]
+    spans = [[_beyond(fit, problem, one.change[s]) for s in range(2)] for one in chosen]
     means = [0.5 * (a + b) for a, b in spans]
-    drops, ps, sizes = [], [], []
-    for one, mean, (a, b) in zip(probes, means, spans, strict=True):
-        drop, p, size = _score(one, mean, a, b, mean.T @ rest)
-        drops.append(drop)
-        ps.append(p)
-        sizes.append(size)
+    ps = np.array([_score(one, mean, mean.T @ rest) for one, mean in zip(chosen, means, strict=True)])
     return Scores(
-        probes=tuple(probes),
+        probes=tuple(chosen),
         drop=np.array(drops),
-        p_value=np.array(ps),
-        p_best=_of_the_best(probes, means, np.array(ps), seed),
+        p_value=ps,
+        p_best=_of_the_best(chosen, means, ps, seed),
         size=tuple(sizes),
+        base=tuple(bases),
         seen=np.array([math.sqrt(max(float(np.sum(a * b)), 0.0)) for a, b in spans]),
         likeness=_likeness(spans, sizes),
     )
 
 
-def _score(one: Probe, mean: Floats, a: Floats, b: Floats, product: Floats) -> tuple[float, float, Floats]:
-    """Return the fall of the deviance, its p-value, and the size, in coordinates, of one effect."""
+def _explain(problem: Problem, fit: Fit, residual: Floats, one: Probe | None) -> tuple[Floats, Floats, float]:
+    """Return the expected changes of the free numbers, coordinates of the effect, and fall of the loss."""
+    halves = np.stack([fit.whiten(j, problem.measured.points) for j in fit.jacobian])
+    longest = longest_of(fit.slots, fit.x)
+    low, high = (np.array([s.free.range[end] for s in fit.slots]) for end in (0, 1))
+    lowest, highest = np.maximum(low - fit.x, -longest), np.minimum(high - fit.x, longest)
+    precision, towards = prior_precision(fit.slots), fit.start - fit.x
+    k = len(longest)
+    if one is not None:
+        m = len(one.free)
+        halves = np.concatenate([halves, one.change], axis=2)
+        signed = np.array([f.range[0] < 0.0 for f in one.free])
+        lowest = np.append(lowest, np.where(signed, -_BEYOND, 0.0))
+        highest = np.append(highest, np.full(m, _BEYOND))
+        precision, towards = np.append(precision, np.zeros(m)), np.append(towards, np.zeros(m))
+    mean, noise = 0.5 * (halves[0] + halves[1]), 0.5 * (halves[0] - halves[1])
+    c, fall = robust.solve(mean, noise, residual, precision, towards, lowest, highest)
+    at = np.array(one.at if one is not None else ())
+    return c[:k], c[k:] * at, fall
+
+
+def _score(one: Probe, mean: Floats, product: Floats) -> float:
+    """Return the p-value of the fall of the deviance along the directions of one effect."""
     kept = list(range(len(one.free)))
-    none = np.zeros(len(one.free))
     while kept:
         spread = mean[:, kept].T @ mean[:, kept]
         if np.min(np.diag(spread)) < _INVISIBLE**2:
-            return 0.0, 1.0, none
-        weights = np.linalg.lstsq(spread, product[kept], rcond=1e-10)[0]
-        wrong = [k for k, w in zip(kept, weights, strict=True) if w < 0.0 and one.free[k].range[0] >= 0.0]
+            return 1.0
+        w = np.linalg.lstsq(spread, product[kept], rcond=1e-10)[0]
+        wrong = [k for k, x in zip(kept, w, strict=True) if x < 0.0 and one.free[k].range[0] >= 0.0]
         if not wrong:
-            break
+            return _p_value(float(product[kept] @ w), one)
         kept = [k for k in kept if k not in wrong]
-    if not kept:
-        return 0.0, 1.0, none
-    drop = float(product[kept] @ weights)
-    size = none.copy()
-    information = 0.5 * (a[:, kept].T @ b[:, kept] + b[:, kept].T @ a[:, kept])
-    for i, k in enumerate(kept):
-        # The chance in a direction makes it longer, and the size smaller than it is.
-        longer = spread[i, i] / max(information[i, i], 0.05 * spread[i, i])
-        size[k] = weights[i] * longer * one.at[k]
-    return drop, _p_value(drop, one), size
+    return 1.0
 
 
 def _p_value(drop: float, one: Probe) -> float:

@@ -40,13 +40,16 @@ class Session:
     problem
         All their points.
     model
-        The base pixel on that sensor.
+        To start from, on that sensor.
+    by_eye
+        Its base numbers are nobody's: those that the curves show by eye are a better start.
     """
 
-    def __init__(self, runs: Sequence[Run], problem: Problem, model: PixelModel) -> None:
+    def __init__(self, runs: Sequence[Run], problem: Problem, model: PixelModel, by_eye: bool) -> None:
         self.ids = tuple(run.header.id for run in runs)
         self.problem = problem
         self.model = model
+        self.by_eye = by_eye
 
 
 @contextmanager
@@ -74,7 +77,7 @@ def open_session(
     with (workforce or Workforce()).open() as executor:
         forward = Forward(points, executor, time_grid_us(points) * 1e-6, done)
         sensor = runs[0].header.sensor
-        yield Session(runs, Problem.of(points, forward), on_sensor(model or PixelModel(), sensor))
+        yield Session(runs, Problem.of(points, forward), on_sensor(model or PixelModel(), sensor), model is None)
 
 
 def _points(runs: Sequence[Run]) -> list[PointData]:

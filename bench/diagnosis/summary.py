@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.recording import Recording
     from bench.diagnosis.views.base import Kind, Part, View
+    from bench.store.data import PointData
 
     Floats = npt.NDArray[np.float64]
 
@@ -34,6 +35,7 @@ class Label:
     width_s: float
     nd_od: float
     least: float  #: what one rare event changes it by
+    of_array: bool  #: it depends on how many pixels there are
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,16 @@ class Summary:
             self.products + other.products,
             self.recordings + other.recordings,
         )
+
+    def at(self, point: PointData) -> Summary:
+        """Return what another point shows, whose law is the same."""
+        here = {
+            "point": point.index,
+            "baseline_lux": point.baseline_lux,
+            "nd_od": point.nd_od,
+        }
+        labels = tuple(replace(label, **here) for label in self.labels)  # type: ignore[arg-type]
+        return replace(self, labels=labels)
 
     @property
     def ratio(self) -> Floats:
@@ -97,6 +109,7 @@ def summarise(recording: Recording, views: Sequence[View]) -> Summary:
                     s.width_s,
                     point.nd_od,
                     s.least,
+                    view.of_array,
                 )
             )
             tops.append(s.top)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bench.diagnosis.result import Candidate, Diagnosis, Misfit, Step
+    from bench.diagnosis.result import Candidate, Misfit, Outcome, Step
 
 __all__ = ["lines_of", "step_lines", "verdict_line"]
 
@@ -16,7 +16,7 @@ _SHOWN: Final = 5
 _SMALLEST_P: Final = 0.001
 
 
-def lines_of(diagnosis: Diagnosis) -> Iterator[str]:
+def lines_of(diagnosis: Outcome) -> Iterator[str]:
     """Yield the lines of a whole diagnosis."""
     for step in diagnosis.steps:
         yield from step_lines(step)
@@ -44,7 +44,7 @@ def step_lines(step: Step) -> Iterator[str]:
             yield f"        {_row(c, width)}"
 
 
-def verdict_line(diagnosis: Diagnosis) -> str:
+def verdict_line(diagnosis: Outcome) -> str:
     """Return the verdict in one sentence."""
     if diagnosis.verdict == "data_not_fit_to_judge":
         return f"verdict: the data are not fit to be judged: {'; '.join(diagnosis.findings)}"
@@ -66,7 +66,7 @@ def _numbers(step: Step) -> str:
     return ", ".join(f"{v.value:.3g} {v.unit} ({v.low:.3g} to {v.high:.3g})" for _, v in mine)
 
 
-def _with_ties(diagnosis: Diagnosis, name: str) -> str:
+def _with_ties(diagnosis: Outcome, name: str) -> str:
     tied = diagnosis.ties.get(name, ())
     return f"{name} (or {' or '.join(tied)})" if tied else name
 

@@ -29,6 +29,7 @@ class Neighbours(View):
 
     id: ClassVar[str] = "neighbours"
     title: ClassVar[str] = "share of events together with a neighbour's"
+    of_array: ClassVar[bool] = True
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the share."""
@@ -66,6 +67,7 @@ class Burst(View):
 
     id: ClassVar[str] = "burst"
     title: ClassVar[str] = "mean ln(time of 16 events / 1 us)"
+    of_array: ClassVar[bool] = True
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the mean; each test pulse is a cluster."""

@@ -45,6 +45,7 @@ class View:
 
     id: ClassVar[str]  #: the name in files
     title: ClassVar[str]  #: what it shows, for an axis
+    of_array: ClassVar[bool] = False  #: what it shows depends on how many pixels there are
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield what this view has to say about a recording, always the same statistics for the same frame.

@@ -60,6 +60,9 @@ class Effect(Described):
     id: ClassVar[str]  #: the name in files
     stage: ClassVar[Stage]  #: where in the chain it acts
     sign: ClassVar[str] = ""  #: one line on what it does to what can be measured
+    #: What it does depends on how much light there is, not only on how much the light changes. False only saves time:
+    #: points that differ by a factor of the light are then simulated once.
+    knows_light: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         self.check_bounds(f"effect {self.id}")

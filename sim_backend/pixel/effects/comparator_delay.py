@@ -27,6 +27,7 @@ class ComparatorDelay(Effect):
 
     id: ClassVar[str] = "comparator_delay"
     stage: ClassVar[Stage] = "comparators"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "All latencies grow by the same amount, at every light and contrast."
 
     delay_s: float = parameter("s", (0.0, 1.0), 2e-5, 0.0, "from the crossing to the event")

@@ -27,6 +27,7 @@ class ContrastError(Effect):
 
     id: ClassVar[str] = "contrast_error"
     stage: ClassVar[Stage] = "light"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "All curves are stretched along the contrast axis by the same factor, at every light."
 
     gain_error: float = parameter("1", (-0.9, 9.0), 0.05, 0.0, "relative error of the log contrast")

@@ -26,6 +26,7 @@ class Crosstalk(Effect):
 
     id: ClassVar[str] = "crosstalk"
     stage: ClassVar[Stage] = "readout"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "Pairs of events of one polarity in neighbours within 10 us, more often than chance."
 
     probability: float = parameter("1", (0.0, 1.0), 0.01, 0.0, "that an event is copied")

@@ -27,6 +27,7 @@ class EventRateLimit(Effect):
 
     id: ClassVar[str] = "event_rate_limit"
     stage: ClassVar[Stage] = "readout"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "Plateaus below 1 where many pixels answer within a period, alike in all pixels and without added latency."
     )

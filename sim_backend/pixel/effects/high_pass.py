@@ -26,6 +26,7 @@ class HighPass(Effect):
 
     id: ClassVar[str] = "high_pass"
     stage: ClassVar[Stage] = "change detector"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "The response to slow stimuli fades, and the end of a long pulse is answered by the opposite polarity."
     )

@@ -28,6 +28,7 @@ class HotPixels(Effect):
 
     id: ClassVar[str] = "hot_pixels"
     stage: ClassVar[Stage] = "readout"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "A few pixels fire ON events at every setting, even in the dark."
 
     fraction: float = parameter("1", (0.0, 1.0), 1e-3, 0.0, "share of the pixels")

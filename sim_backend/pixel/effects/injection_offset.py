@@ -27,6 +27,7 @@ class InjectionOffset(Effect):
 
     id: ClassVar[str] = "injection_offset"
     stage: ClassVar[Stage] = "change detector"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "ON and OFF curves move in opposite directions, by the same amount at every light."
 
     offset: float = parameter("ln", (-1.0, 1.0), 0.02, 0.0, "memorised level above the signal")

@@ -29,6 +29,7 @@ class Leak(Effect):
 
     id: ClassVar[str] = "leak"
     stage: ClassVar[Stage] = "change detector"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "ON noise events without stimulus and none OFF; the ON curve moves left, the OFF curve right, at every light."
     )

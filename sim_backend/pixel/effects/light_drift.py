@@ -26,6 +26,7 @@ class LightDrift(Effect):
 
     id: ClassVar[str] = "light_drift"
     stage: ClassVar[Stage] = "light"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "ON (falling light: OFF) background events, like a leak of that rate, where it is well above the dark light."
     )

@@ -27,6 +27,7 @@ class LightFlicker(Effect):
 
     id: ClassVar[str] = "light_flicker"
     stage: ClassVar[Stage] = "light"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "Events are locked to a phase that has nothing to do with the pulses; curves move left, as with noise."
     )

@@ -25,6 +25,7 @@ class LightRiseTime(Effect):
 
     id: ClassVar[str] = "light_rise_time"
     stage: ClassVar[Stage] = "light"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "Latencies grow at every light by the same amount, more for small contrasts."
 
     tau_s: float = parameter("s", (0.0, 10.0), 5e-4, 0.0, "time constant")

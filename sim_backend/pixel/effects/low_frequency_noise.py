@@ -25,6 +25,7 @@ class LowFrequencyNoise(Effect):
 
     id: ClassVar[str] = "low_frequency_noise"
     stage: ClassVar[Stage] = "source follower"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "Slow events in runs, correlated over seconds."
 
     rms: float = parameter("ln", (0.0, 1.0), 0.03, 0.0, "standard deviation")

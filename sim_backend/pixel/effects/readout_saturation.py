@@ -28,6 +28,7 @@ class ReadoutSaturation(Effect):
 
     id: ClassVar[str] = "readout_saturation"
     stage: ClassVar[Stage] = "readout"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "The response falls only where many pixels answer at once; latency spreads with the number of events."
     )

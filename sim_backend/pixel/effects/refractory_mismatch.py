@@ -29,6 +29,7 @@ class RefractoryMismatch(Effect):
 
     id: ClassVar[str] = "refractory_mismatch"
     stage: ClassVar[Stage] = "refractory"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "The number of events of a large step, and their shortest interval, differ from pixel to pixel."
     )

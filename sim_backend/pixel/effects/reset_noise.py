@@ -26,6 +26,7 @@ class ResetNoise(Effect):
 
     id: ClassVar[str] = "reset_noise"
     stage: ClassVar[Stage] = "change detector"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "Curves are broader at every light, even at low bandwidth, but there are few noise events."
 
     rms: float = parameter("ln", (0.0, 1.0), 0.02, 0.0, "standard deviation")

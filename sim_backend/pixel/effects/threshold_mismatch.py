@@ -29,6 +29,7 @@ class ThresholdMismatch(Effect):
 
     id: ClassVar[str] = "threshold_mismatch"
     stage: ClassVar[Stage] = "comparators"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "The average curve is broad while each pixel's own is steep; more pulses do not narrow the spread of pixels."
     )

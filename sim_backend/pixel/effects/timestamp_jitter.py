@@ -25,6 +25,7 @@ class TimestampJitter(Effect):
 
     id: ClassVar[str] = "timestamp_jitter"
     stage: ClassVar[Stage] = "readout"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = "Latencies scatter by the same amount at every light and contrast."
 
     sigma_s: float = parameter("s", (0.0, 0.1), 2e-5, 0.0, "standard deviation")

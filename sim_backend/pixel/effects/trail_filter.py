@@ -26,6 +26,7 @@ class TrailFilter(Effect):
 
     id: ClassVar[str] = "trail_filter"
     stage: ClassVar[Stage] = "readout"
+    knows_light: ClassVar[bool] = False
     sign: ClassVar[str] = (
         "A pulse has at most one event of its polarity in a pixel; the later ones of a large step vanish."
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -78,12 +80,14 @@ def crossings(walk: Walk, samples: int, threads: int | None) -> Crossings:
     column, row = walk.chain.x[walk.order], walk.chain.y[walk.order]
     parts = [slice(i, min(i + _PIXELS, pixels)) for i in range(0, pixels, _PIXELS)]
     early = np.empty(0, np.int64)  # events beyond the end of a stretch wait for theirs
-    with ThreadPoolExecutor(max(1, min(threads or processors(), len(parts)))) as pool:
+    workers = max(1, min(threads or processors(), len(parts)))
+    # A single worker is this thread: to start another costs more than a short recording.
+    with ThreadPoolExecutor(workers) if workers > 1 else nullcontext() as pool:
         for first in range(1, samples, length):
             stop = min(first + length, samples)
             walk.prepare(first, stop)
-            futures = [pool.submit(walk.advance, part, stop) for part in parts]
-            found = np.concatenate([early, *(future.result() for future in futures)])
+            advance = partial(walk.advance, stop=stop)
+            found = np.concatenate([early, *(pool.map(advance, parts) if pool else map(advance, parts))])
             found.sort()
             due = int(np.searchsorted(found, stop * pixels * 2))
             early = found[due:]

@@ -1,0 +1,361 @@
+"""A diagnosis step by step: which effect is missing, add it, watch the error fall."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from bench.compute import Workforce
+from bench.diagnosis.catalogue import candidates
+from bench.diagnosis.fit import fit
+from bench.diagnosis.gate import findings_of
+from bench.diagnosis.judging import deviance, error_of, excess, freedom, values_of, worst_of
+from bench.diagnosis.refit import Found, needless, refit, separation, without
+from bench.diagnosis.remainder import remainder_of
+from bench.diagnosis.result import Candidate, Outcome, Step
+from bench.diagnosis.screen import probe, score
+from bench.diagnosis.session import open_session
+from bench.store import Run
+from protocols.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Sequence
+    from types import TracebackType
+
+    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.result import Verdict
+    from bench.diagnosis.screen import Scores
+    from bench.diagnosis.session import Session
+    from sim_backend.pixel.model import PixelModel
+
+__all__ = ["ALPHA", "Diagnosis"]
+
+#: Chance of naming an effect where none is missing, at each step.
+ALPHA: Final = 0.01
+#: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
+_FAR_OFF: Final = 1.3
+_SHORTLIST: Final = 3
+#: Where the model is far off, an effect that is worth its name takes away this share of what is too much.
+_WORTH: Final = 0.15
+#: Where something is left that nothing explains, only effects that take away so much of it are named.
+_SURE: Final = 0.75
+#: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
+_EXPLAINED: Final = 4.0
+#: Predicted separation, in standard errors, below which two effects cannot be told apart.
+_TIED: Final = 2.0
+_IN_A_TIE: Final = 3
+#: Standard errors at which an effect is found as a rule.
+_DETECTED: Final = 4.5
+
+
+class _State:
+    """A fitted model, what is known about what it lacks, and how it came about."""
+
+    def __init__(self, fit: Fit, scores: Scores, added: str | None, fall: float) -> None:
+        self.fit = fit
+        self.scores = scores
+        self.added = added
+        self.fall = fall  #: share of what was too much in the deviance that the effect took away
+        self.refitted: dict[str, Found] = {}
+        self.tied: tuple[str, ...] = ()
+        self.proposal: str | None = None
+
+
+class Diagnosis:
+    """One or several runs of a sensor, and the model that is to explain them.
+
+    Parameters
+    ----------
+    runs
+        Folders, or opened runs.
+    model
+        To start from; None for the base pixel. Its base numbers are fitted, and those of the effects that it has.
+    seed
+        The same seed gives the same verdict.
+    workers
+        Processes that simulate.
+    without
+        Effects that are not thought of.
+    tell
+        Called with what is being done.
+    workforce
+        Who simulates, instead of `workers` processes.
+
+    Raises
+    ------
+    InputError
+        The runs cannot be diagnosed together.
+
+    Examples
+    --------
+    >>> with Diagnosis("runs/night-1") as d:  # doctest: +SKIP
+    ...     d.add("leak")
+    ...     print(d.steps[-1].error)
+    """
+
+    def __init__(
+        self,
+        runs: Run | Path | str | Sequence[Run | Path | str],
+        model: PixelModel | None = None,
+        *,
+        seed: int = 1,
+        workers: int = 1,
+        without: Collection[str] = (),
+        tell: Callable[[str], None] | None = None,
+        workforce: Workforce | None = None,
+    ) -> None:
+        several = [runs] if isinstance(runs, Run | Path | str) else list(runs)
+        opened = [r if isinstance(r, Run) else Run.open(Path(r)) for r in several]
+        self._say = tell or (lambda _: None)
+        self._seed = seed
+        self._without = frozenset(without)
+        self._open = ExitStack()
+        self._session: Session = self._open.enter_context(
+            open_session(opened, model, workforce or Workforce(workers))
+        )
+        self._states: list[_State] = []
+        self.findings: tuple[str, ...] = findings_of(self._session.problem)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let the workers go."""
+        self._open.close()
+
+    @property
+    def problem(self) -> Problem:
+        """The runs, as they are laid beside a model."""
+        return self._session.problem
+
+    @property
+    def fits(self) -> tuple[Fit, ...]:
+        """The fitted model of each step."""
+        return tuple(state.fit for state in self._all())
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """What was found in each step; the first is the model to start from."""
+        return tuple(self._step(number, state) for number, state in enumerate(self._all()))
+
+    @property
+    def proposal(self) -> str | None:
+        """The effect that the data ask for most; None if none is significant."""
+        state = self._all()[-1]
+        if state.proposal is None and not state.refitted:
+            self._choose(state)
+        return state.proposal
+
+    def add(self, effect_id: str) -> Step:
+        """Add an effect, fit the model again, and look at what is still missing.
+
+        Raises
+        ------
+        InputError
+            There is no such effect, or the model has it.
+        """
+        state = self._all()[-1]
+        found = self._refitted(state, effect_id)
+        self._states.append(self._look(found.fit, effect_id, self._share(state, found)))
+        return self.steps[-1]
+
+    def undo(self) -> Step:
+        """Take the last effect out again.
+
+        Raises
+        ------
+        InputError
+            None was added.
+        """
+        if len(self._all()) == 1:
+            raise InputError("nothing was added; there is nothing to take back")
+        self._states.pop()
+        return self.steps[-1]
+
+    def run(self, most: int = 3) -> Outcome:
+        """Add what is missing, step by step, until nothing more is significant; drop what is needless."""
+        if self.findings:
+            return self.outcome()
+        while len(self._all()) <= most:
+            proposal = self.proposal
+            if proposal is None:
+                break
+            self.add(proposal)
+            self._drop()
+        return self.outcome()
+
+    def outcome(self) -> Outcome:
+        """Return what was found so far."""
+        states = self._all() if not self.findings else self._states
+        verdict, missing = self._verdict(states)
+        ties = {
+            state.added: before.tied
+            for before, state in pairwise(states)
+            if state.added in missing and before.tied and before.proposal == state.added
+        }
+        last = states[-1].fit if states else None
+        return Outcome(
+            runs=self._session.ids,
+            findings=self.findings,
+            steps=self.steps if states else (),
+            verdict=verdict,
+            missing=missing,
+            ties={key: value for key, value in ties.items() if key is not None},
+            remainder=remainder_of(self.problem, last) if last is not None and verdict == "unexplained" else (),
+            model=last.model if last is not None else None,
+        )
+
+    def _all(self) -> list[_State]:
+        """Return the states, of which there is at least one."""
+        if not self._states:
+            problem, model = self.problem, self._session.model
+            self._say("fitting the model")
+            first = fit(
+                problem,
+                model,
+                problem.slots_of(model),
+                problem.start(model, by_eye=self._session.by_eye),
+                seed=self._seed,
+            )
+            self._states.append(self._look(first, None, 0.0))
+        return self._states
+
+    def _look(self, fitted: Fit, added: str | None, fall: float) -> _State:
+        number = len(self._states)
+        self._say(f"step {number}: looking for what is missing")
+        possible = candidates(fitted.model, self.problem.points, without=self._without)
+        probes = probe(self.problem, fitted, possible, self._seed + 100 * number + 11)
+        return _State(fitted, score(self.problem, fitted, probes, self._seed), added, fall)
+
+    def _choose(self, state: _State) -> None:
+        """Find the effect that is worth adding, and those that cannot be told from it."""
+        scores, problem = state.scores, self.problem
+        significant = [i for i in range(len(scores.probes)) if scores.p_best[i] < ALPHA]
+        if not significant:
+            return
+        far_off = deviance(problem, state.fit) / freedom(state.fit) > _FAR_OFF
+        significant.sort(key=lambda i: -scores.drop[i] if far_off else scores.p_value[i])
+        names = [scores.probes[i].effect.id for i in significant]
+        found = [self._refitted(state, name) for name in names[: _SHORTLIST if far_off else 1]]
+        found.sort(key=lambda f: f.deviance)
+        best = found[0]
+        if far_off and self._share(state, best) < _WORTH:
+            return
+        state.proposal = best.effect
+        state.tied = self._tied(state, best, found)
+
+    def _refitted(self, state: _State, effect_id: str) -> Found:
+        known = state.refitted.get(effect_id)
+        if known is not None:
+            return known
+        ids = [one.effect.id for one in state.scores.probes]
+        if effect_id not in ids:
+            raise InputError(
+                f"{effect_id}: not among the effects that may be missing; expected one of {', '.join(ids)}"
+            )
+        self._say(f"refitting with {effect_id}")
+        i = ids.index(effect_id)
+        far_off = deviance(self.problem, state.fit) / freedom(state.fit) > _FAR_OFF
+        found = refit(self.problem, state.fit, state.scores, i, self._seed + 100 * len(self._states) + 21, far_off)
+        state.refitted[effect_id] = found
+        return found
+
+    def _share(self, state: _State, found: Found) -> float:
+        """Return the share of what is too much in the deviance that an effect takes away."""
+        n = freedom(state.fit)
+        before = max(deviance(self.problem, state.fit) - n, math.sqrt(2.0 * n))
+        return (deviance(self.problem, state.fit) - found.deviance) / before
+
+    def _tied(self, state: _State, best: Found, found: Sequence[Found]) -> tuple[str, ...]:
+        """Return the effects that the data cannot tell from the best."""
+        scores = state.scores
+        ids = [one.effect.id for one in scores.probes]
+        number = ids.index(best.effect)
+        size = math.sqrt(max(float(scores.drop[number]), 0.0))
+        rivals = []
+        refitted = {f.effect: f for f in found}
+        for i, name in enumerate(ids):
+            if name == best.effect or scores.drop[i] <= 0.0:
+                continue
+            if name in refitted:
+                apart = separation(self.problem, best, refitted[name], self._seed + 31)
+            else:
+                apart = size * math.sqrt(max(1.0 - float(scores.likeness[number, i]) ** 2, 0.0))
+            if apart < _TIED:
+                rivals.append((apart, name))
+        return tuple(name for _, name in sorted(rivals)[: _IN_A_TIE - 1])
+
+    def _drop(self) -> None:
+        """Take out effects that were added before and have turned out to be needless."""
+        while len(self._states) > 2:
+            last = self._states[-1]
+            names = [s.added for s in self._states[1:-1] if s.added is not None]
+            weak = [name for name in names if needless(self.problem, last.fit, name)]
+            if not weak:
+                return
+            self._say(f"taking out {weak[0]}")
+            kept = [s for s in self._states if s.added != weak[0]]
+            slots = [i for i, s in enumerate(last.fit.slots) if s.free.owner != weak[0]]
+            again = fit(
+                self.problem, without(last.fit.model, weak[0]), [last.fit.slots[i] for i in slots],
+                [float(last.fit.x[i]) for i in slots], seed=self._seed + 41, iterations=3, span=1.0,
+                prior=last.fit.start[slots],
+            )  # fmt: skip
+            self._states = kept[:-1]
+            self._states.append(self._look(again, last.added, last.fall))
+
+    def _verdict(self, states: Sequence[_State]) -> tuple[Verdict, tuple[str, ...]]:
+        if self.findings:
+            return "data_not_fit_to_judge", ()
+        named = tuple(s.added for s in states[1:] if s.added is not None)
+        if excess(self.problem, states[-1].fit) <= _EXPLAINED:
+            return ("explained" if named else "nothing_missing"), named
+        return "unexplained", tuple(s.added for s in states[1:] if s.added is not None and s.fall > _SURE)
+
+    def _step(self, number: int, state: _State) -> Step:
+        scores = state.scores
+        before = deviance(self.problem, state.fit)
+        rows = []
+        for i in np.argsort(-scores.drop, kind="stable"):
+            one = scores.probes[i]
+            name = one.effect.id
+            found = state.refitted.get(name)
+            rows.append(
+                Candidate(
+                    name,
+                    float(scores.drop[i]),
+                    before - found.deviance if found is not None else None,
+                    float(scores.p_best[i]),
+                    state.tied if name == state.proposal else (),
+                    _smallest(scores, int(i)),
+                )
+            )
+        effects = dict.fromkeys([*(s.free.owner for s in state.fit.slots), *(e.id for e in state.fit.model.effects)])
+        return Step(
+            number,
+            state.added,
+            tuple(effects),
+            error_of(self.problem, state.fit),
+            values_of(self.problem, state.fit),
+            tuple(rows),
+            worst_of(self.problem, state.fit),
+        )
+
+
+def _smallest(scores: Scores, i: int) -> float | None:
+    """Return the least size of an effect that would have been seen, in the unit of its first number."""
+    one, seen = scores.probes[i], float(scores.seen[i])
+    if seen <= 0.0 or one.free[0].scale == "inverse":
+        return None
+    return one.free[0].value(one.at[0] * _DETECTED / seen)

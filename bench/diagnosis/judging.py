@@ -1,0 +1,103 @@
+"""How good a fitted model is: its error, on unseen points too, its numbers with intervals, where it fails most."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.fit import live, prior_precision, solve
+from bench.diagnosis.result import Error, Misfit, Value
+
+if TYPE_CHECKING:
+    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.problem import Problem
+
+__all__ = ["deviance", "error_of", "excess", "freedom", "heldout", "values_of", "worst_of"]
+
+_FOLDS: Final = 5
+_WORST: Final = 5
+#: 90 % of a normal law lie within so many standard deviations.
+_NINETY: Final = 1.6449
+#: The variance of a sum of squares is this much more than that of normal numbers: few events, correlated views.
+_HEAVY: Final = 1.25
+
+
+def deviance(problem: Problem, one: Fit) -> float:
+    """Return the sum of squares of the independent residuals."""
+    r = one.whiten(one.residual, problem.measured.points)
+    return float(r @ r)
+
+
+def freedom(one: Fit) -> int:
+    """Return the number of independent residuals less that of the fitted numbers."""
+    return max(sum(int(live(root).sum()) for root in one.roots) - len(one.slots), 1)
+
+
+def excess(problem: Problem, one: Fit) -> float:
+    """Return by how many standard deviations the deviance is larger than that of a true model."""
+    n = freedom(one)
+    return (deviance(problem, one) - n) / math.sqrt(2.0 * n * _HEAVY)
+
+
+def error_of(problem: Problem, one: Fit) -> Error:
+    """Return the error of a fitted model."""
+    responses = [i for i, label in enumerate(problem.measured.labels) if label.view == "response"]
+    apart = problem.measured.ratio[responses] - one.ratio[responses]
+    return Error(
+        deviance_per_dof=deviance(problem, one) / freedom(one),
+        response_rmse=float(np.sqrt(np.nanmean(apart**2))) if responses else math.nan,
+        heldout_deviance_per_dof=heldout(problem, one),
+    )
+
+
+def heldout(problem: Problem, one: Fit) -> float:
+    """Return the deviance per statistic on points that the fit did not see: folds of whole points.
+
+    The numbers are fitted again to the other points, along the changes by coordinate that are known at the solution.
+    """
+    points = problem.measured.points
+    jacobian = one.jacobian.mean(axis=0)
+    parts = [
+        (root @ one.residual[where] / math.sqrt(one.scale), root @ jacobian[where] / math.sqrt(one.scale),
+         int(live(root).sum()))
+        for root, where in zip(one.roots, points, strict=True)
+    ]  # fmt: skip
+    squares, count = 0.0, 0
+    prior = prior_precision(one.slots)
+    for fold in range(min(_FOLDS, len(points))):
+        seen = [p for i, p in enumerate(parts) if i % _FOLDS != fold]
+        unseen = [p for i, p in enumerate(parts) if i % _FOLDS == fold]
+        if not seen or not unseen:
+            continue
+        delta = solve(np.concatenate([j for _, j, _ in seen]), np.concatenate([r for r, _, _ in seen]), prior)
+        squares += sum(float(np.sum((r - j @ delta) ** 2)) for r, j, _ in unseen)
+        count += sum(n for _, _, n in unseen)
+    return squares / max(count, 1)
+
+
+def values_of(problem: Problem, one: Fit) -> dict[str, Value]:
+    """Return the fitted numbers with 90 % intervals."""
+    sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
+    found = {}
+    for slot, x, s in zip(one.slots, one.x, sd, strict=True):
+        ends = sorted((slot.free.value(x - _NINETY * s), slot.free.value(x + _NINETY * s)))
+        found[slot.key(problem.settings)] = Value(slot.free.value(x), ends[0], ends[1], slot.free.unit)
+    return found
+
+
+def worst_of(problem: Problem, one: Fit) -> tuple[Misfit, ...]:
+    """Return the statistics that are furthest off."""
+    z = one.z
+    found = []
+    for i in np.argsort(-np.abs(z), kind="stable")[:_WORST]:
+        label = problem.measured.labels[i]
+        view = label.view if label.part == "both" else f"{label.view}_{label.part}"
+        found.append(
+            Misfit(
+                view, label.point, label.baseline_lux, label.log_contrast,
+                float(problem.measured.ratio[i]), float(one.ratio[i]), float(z[i]),
+            )
+        )  # fmt: skip
+    return tuple(found)

@@ -1,0 +1,77 @@
+"""A model with an effect more, fitted; and whether two such models, or the effect at all, can be told apart."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.catalogue import probe_of
+from bench.diagnosis.fit import fit
+from bench.diagnosis.judging import deviance
+from bench.diagnosis.problem import Slot
+
+if TYPE_CHECKING:
+    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.screen import Scores
+    from sim_backend.pixel.model import PixelModel
+
+__all__ = ["Found", "needless", "refit", "separation", "without"]
+
+#: An effect whose numbers are all fewer standard errors from null is needless.
+_NEEDED: Final = 2.0
+#: Steps of a fit, and the width of its first, where the model was far off, and where it was not.
+_FAR: Final = (6, 2.0)
+_NEAR: Final = (3, 1.0)
+_EFFORT: Final = 1.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """A candidate, refitted."""
+
+    effect: str
+    fit: Fit
+    deviance: float
+
+
+def refit(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_off: bool) -> Found:
+    """Return the model with candidate `i` more, fitted from the numbers that the screen expects."""
+    one = scores.probes[i]
+    coordinates, values = [], {}
+    for free, at, expected in zip(one.free, one.at, scores.size[i], strict=True):
+        # From null itself no fit finds its way when the number has one sign only.
+        start = expected if free.range[0] < 0.0 and expected != 0.0 else max(expected, 0.1 * at)
+        coordinates.append(float(start))
+        values[free.name] = free.value(float(start))
+    slots = (*here.slots, *(Slot(f) for f in one.free))
+    base = here.x + (scores.base[i] if far_off else 0.0)
+    iterations, span = _FAR if far_off else _NEAR
+    fitted = fit(
+        problem, here.model + probe_of(one.effect, values), slots, [*base, *coordinates], seed=seed,
+        iterations=iterations, span=span, prior=np.array([*here.start, *coordinates]),
+    )  # fmt: skip
+    return Found(one.effect.id, fitted, deviance(problem, fitted))
+
+
+def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
+    """Return by how many standard errors a run like this one would tell two fitted models apart."""
+    a, b = (problem.models(f.fit.model, f.fit.slots, f.fit.x) for f in (one, other))
+    halves = next(problem.changes(a, [b], seed, _EFFORT))
+    first, second = (one.fit.whiten(half, problem.measured.points) for half in halves)
+    return math.sqrt(max(float(first @ second), 0.0))
+
+
+def needless(problem: Problem, one: Fit, effect_id: str) -> bool:
+    """Return whether all numbers of an effect are within chance of null."""
+    sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
+    mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id]
+    return all(abs(one.x[i]) < _NEEDED * sd[i] for i in mine)
+
+
+def without(model: PixelModel, effect_id: str) -> PixelModel:
+    """Return the model without an effect."""
+    return replace(model, effects=tuple(e for e in model.effects if e.id != effect_id))
