@@ -41,6 +41,7 @@ _COMMANDS: Final = {
     "report": "Make the report of a run: one HTML file, figures and tables.",
     "import": "Make a run of recordings that were taken elsewhere.",
     "events": "Say what is in a recording.",
+    "challenge": "Diagnose a simulated station of which nobody is told what it is.",
     "effects": "List the physical effects that a pixel model may have; explain one.",
     "calibrate-noise": "Find the noise that gives a background rate.",
     "devices": "List the drivers, and what answers on a station.",

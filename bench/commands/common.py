@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SEED",
+    "blind_station_option",
     "effects_option",
     "interactive",
     "json_option",
@@ -31,6 +32,10 @@ SEED = click.IntRange(0, 2**63 - 1)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON, for programs, instead of a table.")
 station_option = click.option(
     "--station", default="simulated", show_default=True, metavar="S", help="A shipped station, or a station file."
+)
+
+blind_station_option = click.option(
+    "--station", metavar="FILE", help="The station file of a blind station, of which a run keeps only the name."
 )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import effects_option, json_option
+from bench.commands.common import blind_station_option, effects_option, json_option
 from bench.commands.running import (
     OperatorSteps,
     operator_option,
@@ -22,16 +22,23 @@ __all__ = ["command"]
 @click.command(name="rerun")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to make; default is runs/ID.")
+@blind_station_option
 @effects_option
 @workforce_options
 @operator_option
 @json_option
 def command(
-    run: Path, out: Path | None, workers: int, cluster: str | None, operator_steps: OperatorSteps, as_json: bool
+    run: Path,
+    out: Path | None,
+    station: str | None,
+    workers: int,
+    cluster: str | None,
+    operator_steps: OperatorSteps,
+    as_json: bool,
 ) -> int:
     """Take RUN again, from the protocol, station and seed that are written in it.
 
     On a simulated station the events are the same, one by one.
     """
-    result = take_again(run, out, operator_steps, workforce_of(workers, cluster))
+    result = take_again(run, station, out, operator_steps, workforce_of(workers, cluster))
     return print_result(result, as_json)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from bench.compute import Workforce
     from bench.run import RunResult
+    from bench.station import Station
 
 __all__ = [
     "OperatorSteps",
@@ -108,21 +109,46 @@ def take(
 
 
 def take_again(
-    run: Path, out: Path | None, steps: OperatorSteps = "ask", workforce: Workforce | None = None
+    run: Path,
+    station: str | None,
+    out: Path | None,
+    steps: OperatorSteps = "ask",
+    workforce: Workforce | None = None,
 ) -> RunResult:
     """Run again what is written in the run folder `run`."""
     from bench.run import rerun
     from bench.run.progress import progress_for
 
-    return rerun(run, out, progress=progress_for(sys.stderr), operator=_operator(steps), workforce=workforce)
+    return rerun(
+        run,
+        out,
+        station=_given(station),
+        progress=progress_for(sys.stderr),
+        operator=_operator(steps),
+        workforce=workforce,
+    )
 
 
-def take_the_rest(run: Path, steps: OperatorSteps = "ask", workforce: Workforce | None = None) -> RunResult:
+def take_the_rest(
+    run: Path, station: str | None, steps: OperatorSteps = "ask", workforce: Workforce | None = None
+) -> RunResult:
     """Take the points of the run folder `run` that are not done."""
     from bench.run import resume
     from bench.run.progress import progress_for
 
-    return resume(run, progress=progress_for(sys.stderr), operator=_operator(steps), workforce=workforce)
+    return resume(
+        run,
+        station=_given(station),
+        progress=progress_for(sys.stderr),
+        operator=_operator(steps),
+        workforce=workforce,
+    )
+
+
+def _given(station: str | None) -> Station | None:
+    from bench.station import load_station
+
+    return None if station is None else load_station(station)
 
 
 def ask_operator(step: str) -> None:

@@ -11,6 +11,7 @@ from bench.run.runner import RunResult, Task, take_run
 from bench.store.errors import RunError
 from bench.store.header import read_header
 from bench.store.layout import RUN_FILE
+from protocols.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,6 +74,7 @@ def rerun(
     folder: Path,
     out: Path | None = None,
     *,
+    station: Station | None = None,
     progress: Progress | None = None,
     stop: StopFlag | None = None,
     operator: Callable[[str], None] | None = None,
@@ -82,14 +84,20 @@ def rerun(
 
     On a simulated station the events are the same, one by one.
 
+    Parameters
+    ----------
+    station
+        The station, where the run keeps only its name.
+
     Raises
     ------
     RunError
         If the run does not say how it was taken, as one that was imported.
     InputError
-        If it was taken with effects of a user's own files, and these are not loaded, or are others.
+        If it was taken with effects of a user's own files, and these are not loaded, or are others; if it keeps only
+        the name of its station, and that is not given, or another one is.
     """
-    header, again, station = read_task(folder)
+    header, again, station = read_task(folder, station)
     name = header.id.partition("Z-")[2] or header.id
     task = _task(again, name, str(header.everything.get("protocol_text", "")))
     return take_run(
@@ -103,29 +111,45 @@ def rerun(
     )
 
 
-def read_task(folder: Path) -> tuple[RunHeader, Protocol, Station]:
+def read_task(folder: Path, station: Station | None = None) -> tuple[RunHeader, Protocol, Station]:
     """Return what ``run.yaml`` in `folder` says, with the protocol and the station that are written in it.
+
+    Parameters
+    ----------
+    station
+        The station, where only its name is written there.
 
     Raises
     ------
     RunError
         If the run does not say how it was taken.
     InputError
-        If it was taken with effects of a user's own files, and these are not loaded, or are others.
+        If it was taken with effects of a user's own files, and these are not loaded, or are others; if only the name
+        of its station is written, and that is not given, or another one is.
     """
     from bench.models.effect_sources import require_sources
-    from bench.station import station_from
     from protocols.schema import Protocol
 
     where = folder / RUN_FILE
     header = read_header(where)
-    protocol, station = (_part(header.everything, key, where) for key in ("protocol", "station"))
+    protocol, written = (_part(header.everything, key, where) for key in ("protocol", "station"))
     try:
         again = Protocol.model_validate(protocol)
     except ValidationError as error:
         raise RunError(f"{where}: the protocol in it is none that this version reads: {_first(error)}") from error
     require_sources(_effects_of(header.everything), where)
-    return header, again, station_from(station, str(where))
+    return header, again, _station(written, station, where)
+
+
+def _station(written: dict[str, Any], given: Station | None, where: Path) -> Station:
+    """Return the station of a run: as it is written, or the one that is given, if it has the same name."""
+    from bench.station import station_from
+
+    if given is None:
+        return station_from(written, str(where))
+    if written.get("name") != given.name:
+        raise InputError(f"{where}: it was taken on station {written.get('name')}, not on {given.name}")
+    return given
 
 
 def _part(everything: dict[str, Any], key: str, where: Path) -> dict[str, Any]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from bench.run.plan import PlannedPoint
     from bench.run.progress import Progress
     from bench.run.stop import StopFlag
+    from bench.station import Station
 
 __all__ = ["resume"]
 
@@ -35,6 +36,7 @@ _NO_MATTER: Final = ("platform", "h5py", "pydantic")
 def resume(
     folder: Path,
     *,
+    station: Station | None = None,
     progress: Progress | None = None,
     stop: StopFlag | None = None,
     operator: Callable[[str], None] | None = None,
@@ -50,6 +52,8 @@ def resume(
     ----------
     folder
         The run folder.
+    station
+        The station, where the run keeps only its name.
     progress, stop, operator, workforce
         See :func:`~bench.run.runner.take_run`, also for what is raised.
 
@@ -59,10 +63,10 @@ def resume(
         If `folder` holds no run, or one that does not say how it was taken, or another process is writing it, or one
         of its points is damaged.
     InputError
-        If the station is not wholly simulated.
+        If the station is not wholly simulated, or if the run keeps only its name and it is not given.
     """
     run = Run.open(folder)
-    header, protocol, station = read_task(folder)
+    header, protocol, station = read_task(folder, station)
     require_simulated(station)
     planned = plan_or_raise(protocol.expand(), station)
     crew = Crew.of(progress, stop, operator, workforce)

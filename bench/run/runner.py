@@ -243,7 +243,7 @@ def _header(task: Task, station: Station, run_id: str, roi: Roi) -> dict[str, An
         "seed": task.seed,
         "protocol": task.protocol,
         "protocol_text": task.protocol_text,
-        "station": station.resolved,
+        "station": station.recorded,
         "software": _software(station),
     }
 
@@ -252,5 +252,5 @@ def _software(station: Station) -> dict[str, Any]:
     """Return the versions, and where effects came from that the station names and that are not built in."""
     from bench.models.effect_sources import sources_in_use
 
-    sources = sources_in_use(station.resolved)
+    sources = sources_in_use(station.recorded)
     return {**software_versions(), **({"effects": sources} if sources else {})}

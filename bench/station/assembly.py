@@ -16,10 +16,10 @@ from protocols.errors import InputError, Problem
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bench.station.schema import StationFile
+    from bench.station.schema import BiasMapSection, StationFile
     from protocols.yaml_strict import Node
 
-__all__ = ["assemble"]
+__all__ = ["assemble", "bias_map_of"]
 
 _Path = tuple[str, ...]
 
@@ -29,7 +29,7 @@ _KINDS: Final[dict[str, type[Any]]] = {"world": World, **_DEVICES}
 _CLOCK_METHODS: Final = ("now", "sleep")
 
 
-def assemble(file: StationFile, document: Node, source: str) -> Station:
+def assemble(file: StationFile, document: Node, source: str, *, blind: bool = False) -> Station:
     """Return the station of a file: its devices are made, none is connected.
 
     Parameters
@@ -40,6 +40,8 @@ def assemble(file: StationFile, document: Node, source: str) -> Station:
         The same with the place of each value.
     source
         Name of the file, for messages.
+    blind
+        Whether a run keeps nothing of the station but its name.
 
     Raises
     ------
@@ -47,18 +49,24 @@ def assemble(file: StationFile, document: Node, source: str) -> Station:
         With everything that is wrong: drivers that are not there, arguments that they do not take, devices that do
         not fit the calibration.
     """
-    return _Assembly(file, document, source).station()
+    return _Assembly(file, document, source, blind).station()
 
 
 class _Assembly:
     """One station on its way from file to devices; collects what is wrong."""
 
-    def __init__(self, file: StationFile, document: Node, source: str) -> None:
+    def __init__(self, file: StationFile, document: Node, source: str, blind: bool) -> None:
         self._file = file
         self._document = document
         self._source = source
+        self._blind = blind
         self._problems: list[Problem] = []
-        self._known: dict[str, Any] = {"$bias_map": _bias_map(file)}
+        believed = bias_map_of(file.calibration.bias_map)
+        true = file.world.bias_map if file.world is not None else None
+        self._known: dict[str, Any] = {
+            "$bias_map": believed,
+            "$true_bias_map": believed if true is None else bias_map_of(true),
+        }
 
     def station(self) -> Station:
         """Return the station, or raise with all problems of the first step that has any."""
@@ -75,6 +83,7 @@ class _Assembly:
             calibration=calibration,
             sensor=Sensor(**self._file.sensor.model_dump()),
             plan=self._file.model_dump(mode="json", by_alias=True),
+            blind=self._blind,
         )
 
     def _classes(self) -> dict[_Path, type[Any]]:
@@ -207,19 +216,20 @@ def _place(document: Node, path: _Path) -> tuple[int, int]:
     return place
 
 
-def _bias_map(file: StationFile) -> BiasMap:
-    sections = {quantity: getattr(file.calibration.bias_map, quantity) for quantity in QUANTITIES}
+def bias_map_of(section: BiasMapSection) -> BiasMap:
+    """Return the curves that a section of a station file describes."""
+    sections = {quantity: getattr(section, quantity) for quantity in QUANTITIES}
     return BiasMap(
         tuple(
             BiasCurve(
                 quantity=quantity,
-                bias=section.bias,
-                scale=section.scale,
-                offsets=tuple(offset for offset, _ in section.table),
-                values=tuple(value for _, value in section.table),
-                calibrated=section.calibrated,
+                bias=curve.bias,
+                scale=curve.scale,
+                offsets=tuple(offset for offset, _ in curve.table),
+                values=tuple(value for _, value in curve.table),
+                calibrated=curve.calibrated,
             )
-            for quantity, section in sections.items()
-            if section is not None
+            for quantity, curve in sections.items()
+            if curve is not None
         )
     )

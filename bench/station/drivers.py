@@ -17,7 +17,7 @@ __all__ = ["GROUP", "TOKENS", "DriverNotFound", "argument_problems", "find_drive
 GROUP: Final = "evs_bench.drivers"
 
 #: Arguments that stand for something of the station.
-TOKENS: Final = ("$world", "$clock", "$bias_map")
+TOKENS: Final = ("$world", "$clock", "$bias_map", "$true_bias_map")
 
 
 class DriverNotFound(Exception):

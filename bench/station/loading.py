@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bench.station.assembly import assemble
 from bench.station.schema import StationFile
+from bench.station.sealed import open_world
 from protocols.errors import InputError
 from protocols.files import parse_model, read_text
 from protocols.yaml_strict import read_yaml
@@ -44,7 +45,7 @@ def load_station(name_or_path: str | os.PathLike[str]) -> Station:
         return _parse(shipped.read_text(encoding="utf-8"), f"{name}{_SUFFIX}")
     if not Path(name_or_path).exists():
         raise InputError(_unknown(name))
-    return _parse(read_text(name_or_path), name)
+    return _parse(read_text(name_or_path), name, Path(name_or_path).parent)
 
 
 def station_from(resolved: Mapping[str, Any], source: str) -> Station:
@@ -60,16 +61,29 @@ def station_from(resolved: Mapping[str, Any], source: str) -> Station:
     Raises
     ------
     InputError
-        With everything that is wrong in it.
+        With everything that is wrong in it, or if only the name of a blind station is left.
     """
     import yaml
 
+    if set(resolved) == {"name"}:
+        raise InputError(
+            f"{source}: it was taken on {resolved['name']}, a blind station, of which a run keeps only the name; "
+            "name its file with --station"
+        )
     data = {key: value for key, value in resolved.items() if key != "identities"}
     return _parse(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), source)
 
 
-def _parse(text: str, source: str) -> Station:
-    return assemble(parse_model(text, StationFile, source), read_yaml(text, source), source)
+def _parse(text: str, source: str, folder: Path | None = None) -> Station:
+    """Return the station of a file in `folder`; without one, as in a run, there is no sealed file beside it."""
+    file = parse_model(text, StationFile, source)
+    blind = file.sealed_world is not None
+    if file.sealed_world is not None:
+        if folder is None:
+            raise InputError(f"{source}: sealed_world: only a station file can name one")
+        world = open_world(folder / file.sealed_world)
+        file = file.model_copy(update={"world": world, "sealed_world": None})
+    return assemble(file, read_yaml(text, source), source, blind=blind)
 
 
 def _unknown(name: str) -> str:

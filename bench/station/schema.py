@@ -34,22 +34,14 @@ Text = Annotated[str, StringConstraints(min_length=1)]
 ClassPath = Annotated[str, StringConstraints(pattern=CLASS_PATTERN)]
 
 
-class WorldSection(FrozenModel):
-    """What the devices of a simulated station share. Their arguments refer to it as ``$world``."""
-
-    class_path: ClassPath = Field(alias="class")
-    """Where it is: ``package.module:Class``."""
-    args: dict[str, Any] = Field(default_factory=dict)
-    """Arguments of its constructor."""
-
-
 class RoleSection(FrozenModel):
     """Who plays a role."""
 
     driver: Text
     """``package.module:Class``, or the name of an entry point of the group ``evs_bench.drivers``."""
     args: dict[str, Any] = Field(default_factory=dict)
-    """Arguments of its constructor. ``$world``, ``$clock`` and ``$bias_map`` stand for the station's own."""
+    """Arguments of its constructor. ``$world``, ``$clock``, ``$bias_map`` and ``$true_bias_map`` stand for what the
+    station has."""
 
 
 class RolesSection(FrozenModel):
@@ -192,6 +184,17 @@ class BiasMapSection(FrozenModel):
     """Corner of the source follower, Hz."""
 
 
+class WorldSection(FrozenModel):
+    """What the devices of a simulated station share. Their arguments refer to it as ``$world``."""
+
+    class_path: ClassPath = Field(alias="class")
+    """Where it is: ``package.module:Class``."""
+    args: dict[str, Any] = Field(default_factory=dict)
+    """Arguments of its constructor."""
+    bias_map: BiasMapSection | None = None
+    """What the biases really do, where that is not what the calibration says; ``$true_bias_map`` in arguments."""
+
+
 class CalibrationSection(FrozenModel):
     """What is known of the bench."""
 
@@ -220,6 +223,14 @@ class StationFile(FrozenModel):
     name: Text
     description: str = ""
     world: WorldSection | None = None
+    sealed_world: Text | None = None
+    """File with the world of a blind station, beside this one; :mod:`bench.station.sealed` opens it."""
     roles: RolesSection
     sensor: SensorSection
     calibration: CalibrationSection
+
+    @model_validator(mode="after")
+    def _one_world(self) -> StationFile:
+        if self.world is not None and self.sealed_world is not None:
+            raise problems_at([(("sealed_world",), "there is a world beside it; give one of the two")])
+        return self

@@ -78,6 +78,7 @@ class Station:
         calibration: Calibration,
         sensor: Sensor,
         plan: Mapping[str, Any],
+        blind: bool = False,
     ) -> None:
         self.name = name
         self.light = light
@@ -86,6 +87,7 @@ class Station:
         self.clock = clock
         self.calibration = calibration
         self.sensor = sensor
+        self.blind = blind  #: whether a run keeps nothing of it but its name
         self._plan = dict(plan)
         self._identities: dict[str, dict[str, str]] = {}
 
@@ -96,11 +98,16 @@ class Station:
 
     @property
     def resolved(self) -> dict[str, Any]:
-        """The station as it goes into a run: the keys of a station file, and `identities` once it was connected.
+        """The station in full: the keys of a station file, and `identities` once it was connected.
 
         :func:`bench.station.station_from` makes a station of it again.
         """
         return {**self._plan, **({"identities": self._identities} if self._identities else {})}
+
+    @property
+    def recorded(self) -> dict[str, Any]:
+        """The station as it goes into a run: in full, or of a blind one its name alone."""
+        return {"name": self.name} if self.blind else self.resolved
 
     def connect(self) -> None:
         """Connect all devices and bring them to their safe state.

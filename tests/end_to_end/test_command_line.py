@@ -25,6 +25,7 @@ COMMANDS = (
     "report",
     "import",
     "events",
+    "challenge",
     "effects",
     "calibrate-noise",
     "devices",
@@ -96,6 +97,8 @@ def test_each_command_has_help_and_loads_nothing_heavy(tmp_path: Path) -> None:
         ("run", "quick_look", "--workers", "0"),
         ("run", "quick_look", "--workers", "2", "--cluster", "tcp://localhost:1"),
         ("effects", "no_such_effect"),
+        ("challenge", "reveal", "no_such_folder"),
+        ("challenge", "new", "--seed", "x"),
     ],
     ids=" ".join,
 )
