@@ -12,10 +12,10 @@ import numpy as np
 
 from bench.compute import Workforce
 from bench.diagnosis.catalogue import candidates
-from bench.diagnosis.fit import fit
+from bench.diagnosis.fit import approach, finish, fit
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import deviance, error_of, excess, freedom, values_of, worst_of
-from bench.diagnosis.refit import Found, needless, refit, separation, without
+from bench.diagnosis.refit import Found, needless, refitted, separation, without
 from bench.diagnosis.remainder import remainder_of
 from bench.diagnosis.result import Candidate, Outcome, Step
 from bench.diagnosis.screen import probe, score
@@ -166,7 +166,7 @@ class Diagnosis:
             There is no such effect, or the model has it.
         """
         state = self._all()[-1]
-        found = self._refitted(state, effect_id)
+        found = self._refitted(state, [effect_id])[0]
         self._states.append(self._look(found.fit, effect_id, self._share(state, found)))
         return self.steps[-1]
 
@@ -247,7 +247,7 @@ class Diagnosis:
         far_off = deviance(problem, state.fit) / freedom(state.fit) > _FAR_OFF
         significant.sort(key=lambda i: -scores.drop[i] if far_off else scores.p_value[i])
         names = [scores.probes[i].effect.id for i in significant]
-        found = [self._refitted(state, name) for name in names[: _SHORTLIST if far_off else 1]]
+        found = self._refitted(state, names[: _SHORTLIST if far_off else 1])
         found.sort(key=lambda f: f.deviance)
         best = found[0]
         if far_off and self._share(state, best) < _WORTH:
@@ -255,21 +255,23 @@ class Diagnosis:
         state.proposal = best.effect
         state.tied = self._tied(state, best, found)
 
-    def _refitted(self, state: _State, effect_id: str) -> Found:
-        known = state.refitted.get(effect_id)
-        if known is not None:
-            return known
+    def _refitted(self, state: _State, effect_ids: Sequence[str]) -> list[Found]:
+        """Return the models with one of these effects more, the most promising of them fitted."""
         ids = [one.effect.id for one in state.scores.probes]
-        if effect_id not in ids:
-            raise InputError(
-                f"{effect_id}: not among the effects that may be missing; expected one of {', '.join(ids)}"
-            )
-        self._say(f"refitting with {effect_id}")
-        i = ids.index(effect_id)
-        far_off = deviance(self.problem, state.fit) / freedom(state.fit) > _FAR_OFF
-        found = refit(self.problem, state.fit, state.scores, i, self._seed + 100 * len(self._states) + 21, far_off)
-        state.refitted[effect_id] = found
-        return found
+        for name in effect_ids:
+            if name not in ids:
+                raise InputError(
+                    f"{name}: not among the effects that may be missing; expected one of {', '.join(ids)}"
+                )
+        unknown = [name for name in effect_ids if name not in state.refitted]
+        if unknown:
+            self._say(f"refitting with {', '.join(unknown)}")
+            far_off = deviance(self.problem, state.fit) / freedom(state.fit) > _FAR_OFF
+            seed = self._seed + 100 * len(self._states) + 21
+            numbers = [ids.index(name) for name in unknown]
+            for found in refitted(self.problem, state.fit, state.scores, numbers, seed, far_off):
+                state.refitted[found.effect] = found
+        return [state.refitted[name] for name in effect_ids if name in state.refitted]
 
     def _share(self, state: _State, found: Found) -> float:
         """Return the share of what is too much in the deviance that an effect takes away."""
@@ -284,12 +286,12 @@ class Diagnosis:
         number = ids.index(best.effect)
         size = math.sqrt(max(float(scores.drop[number]), 0.0))
         rivals = []
-        refitted = {f.effect: f for f in found}
+        known = {f.effect: f for f in found}
         for i, name in enumerate(ids):
             if name == best.effect or scores.drop[i] <= 0.0:
                 continue
-            if name in refitted:
-                apart = separation(self.problem, best, refitted[name], self._seed + 31)
+            if name in known:
+                apart = separation(self.problem, best, known[name], self._seed + 31)
             else:
                 apart = size * math.sqrt(max(1.0 - float(scores.likeness[number, i]) ** 2, 0.0))
             if apart < _TIED:
@@ -307,10 +309,13 @@ class Diagnosis:
             self._say(f"taking out {weak[0]}")
             kept = [s for s in self._states if s.added != weak[0]]
             slots = [i for i, s in enumerate(last.fit.slots) if s.free.owner != weak[0]]
-            again = fit(
-                self.problem, without(last.fit.model, weak[0]), [last.fit.slots[i] for i in slots],
-                [float(last.fit.x[i]) for i in slots], seed=self._seed + 41, iterations=3, span=1.0,
-                prior=last.fit.start[slots],
+            again = finish(
+                self.problem,
+                approach(
+                    self.problem, without(last.fit.model, weak[0]), [last.fit.slots[i] for i in slots],
+                    [float(last.fit.x[i]) for i in slots], seed=self._seed + 41, iterations=3, span=1.0,
+                    prior=last.fit.start[slots],
+                ),
             )  # fmt: skip
             self._states = kept[:-1]
             self._states.append(self._look(again, last.added, last.fall))

@@ -34,14 +34,16 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 
-__all__ = ["Fit", "fit", "live", "longest_of", "prior_precision", "solve"]
+__all__ = ["Approach", "Fit", "approach", "finish", "fit", "live", "longest_of", "prior_precision", "solve"]
 
 _ITERATIONS: Final = 8
 #: Effort of one expectation on the way, and at the solution.
 _ROUGH: Final = 0.15
 _SHARP: Final = 0.4
-_FINE: Final = 4.0
-_POLISHINGS: Final = 3
+_FINE: Final = 3.0
+_POLISHINGS: Final = 4
+#: A loss per statistic above this is no matter of effort.
+_HOPELESS: Final = 8.0
 #: Parts of a step that are tried.
 _LENGTHS: Final = (1.0, 0.4)
 #: Parts of the longest step within which one is looked for; below the limit the fit ends.
@@ -90,11 +92,28 @@ class Fit:
         return np.asarray(np.linalg.pinv(information), np.float64)
 
 
-def fit(
+@dataclass(frozen=True)
+class Approach:
+    """A model near the minimum, as far as little effort tells."""
+
+    model: PixelModel
+    slots: tuple[Slot, ...]
+    at: Floats  #: (k,) coordinates
+    start: Floats  #: (k,) of the prior
+    loss: float
+    seed: int
+
+
+def fit(problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int) -> Fit:
+    """Return the model with its numbers fitted, from the coordinates `x` on; see :func:`approach`."""
+    return finish(problem, approach(problem, model, slots, x, seed=seed))
+
+
+def approach(
     problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int,
     iterations: int = _ITERATIONS, span: float = _WIDE, prior: Floats | None = None,
-) -> Fit:  # fmt: skip
-    """Return the model with its numbers fitted.
+) -> Approach:  # fmt: skip
+    """Go near the minimum with little effort.
 
     Parameters
     ----------
@@ -102,6 +121,8 @@ def fit(
         Coordinates to start from.
     seed
         Of the simulations.
+    iterations
+        Steps at the most.
     span
         Changes by coordinate are first taken over so many steps: several where the start may be far off.
     prior
@@ -112,11 +133,11 @@ def fit(
     start = at.copy() if prior is None else prior
     radius = 1.0
     here, jacobian = _look(problem, model, slots, at, seed, span)
+    now = _loss(problem, here, slots, at, start)
     for step in range(iterations):
         deltas, gains = zip(
             *(_step(problem, here, jacobian, slots, at, start, radius * part) for part in _RADII), strict=True
         )
-        now = _loss(problem, here, slots, at, start)
         _LOG.debug(
             "step %d, radius %.2g, loss %.5g, gain %.4g, at %s", step, radius, now, gains[0], _shown(slots, at)
         )
@@ -129,37 +150,39 @@ def fit(
         better = losses[best] < now
         radius = min(radius * (_GROWS if best == 0 else _RADII[best]), 1.0) if better else radius * _RADII[-1]
         span = max(span * _NARROWER, 1.0)
-        if radius < _SHORTEST and not better:
-            break
         if better:
-            at = tries[best]
+            at, now = tries[best], losses[best]
+        if radius < _SHORTEST:
+            break
         if step < iterations - 1:
             here, jacobian = _look(problem, model, slots, at, seed, span)
-    return _finish(problem, model, slots, at, start, seed + 1)
+    return Approach(model, slots, at, start, now, seed)
 
 
-def _finish(
-    problem: Problem, model: PixelModel, slots: tuple[Slot, ...], at: Floats, start: Floats, seed: int
-) -> Fit:  # fmt: skip
+def finish(problem: Problem, near: Approach) -> Fit:
     """Go to the minimum with more effort, and return the fit there."""
-    jacobian = _look(problem, model, slots, at, seed + 1, 1.0, sharp=True)[1]
-    change = jacobian.mean(axis=0)
+    model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
+    # A model that is far off is not worth the effort.
+    close = near.loss < _HOPELESS * len(problem.measured.labels)
+    jacobian = _look(problem, model, slots, at, seed + 1, 1.0, sharp=close)[1]
     simulated = problem.simulate([problem.models(model, slots, at)], seed, _FINE)[0]
     here = _shifted(problem, problem.expect(simulated), slots, at)
-    for _ in range(_POLISHINGS):
-        to = _inside(slots, at + _step(problem, here, jacobian, slots, at, start, 1.0)[0])
+    for _ in range(_POLISHINGS if close else 0):
+        delta, gain = _step(problem, here, jacobian, slots, at, start, 1.0)
+        if gain < _SMALL:
+            break
+        to = at + delta
         again = problem.simulate([problem.models(model, slots, to)], seed, _FINE)[0]
         there = _shifted(problem, problem.expect(again), slots, to)
         before, after = _loss(problem, here, slots, at, start), _loss(problem, there, slots, to, start)
-        _LOG.debug("polishing, loss %.5g to %.5g, at %s", before, after, _shown(slots, to))
+        _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", before, after, gain, _shown(slots, to))
+        jacobian = _corrected(jacobian, delta, there.value - here.value, longest_of(slots, at))
         if after < before:
             at, here, simulated = to, there, again
-        if after > before - _SMALL:
-            break
     # The last step is small: what is expected there follows from the changes by coordinate.
     delta = _step(problem, here, jacobian, slots, at, start, _SHORTEST)[0]
     last = _inside(slots, at + delta)
-    value = here.value + change @ (last - at)
+    value = here.value + jacobian.mean(axis=0) @ (last - at)
     if _loss(problem, replace(here, value=value), slots, last, start) > _loss(problem, here, slots, at, start):
         last, value = at, here.value
     return Fit(
@@ -175,6 +198,16 @@ def _finish(
         scale=_scale(simulated),
         residual=problem.measured.value - value,
     )
+
+
+def _corrected(jacobian: Floats, delta: Floats, change: Floats, longest: Floats) -> Floats:
+    """Return the changes by coordinate, made right along a step of which the change is known better.
+
+    Source: C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations", Math. Comp. 19 (1965).
+    """
+    scaled = delta / longest**2
+    along = scaled / max(float(delta @ scaled), 1e-300)
+    return np.stack([j + np.outer(change - j @ delta, along) for j in jacobian])
 
 
 def _shown(slots: Sequence[Slot], at: Floats) -> str:

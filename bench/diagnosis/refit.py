@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.catalogue import probe_of
-from bench.diagnosis.fit import fit
+from bench.diagnosis.fit import approach, finish
 from bench.diagnosis.judging import deviance
 from bench.diagnosis.problem import Slot
 
 if TYPE_CHECKING:
-    from bench.diagnosis.fit import Fit
+    from collections.abc import Sequence
+
+    from bench.diagnosis.fit import Approach, Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.screen import Scores
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["Found", "needless", "refit", "separation", "without"]
+__all__ = ["Found", "needless", "refitted", "separation", "without"]
 
 #: An effect whose numbers are all fewer standard errors from null is needless.
 _NEEDED: Final = 2.0
@@ -27,6 +29,8 @@ _NEEDED: Final = 2.0
 _FAR: Final = (6, 2.0)
 _NEAR: Final = (3, 1.0)
 _EFFORT: Final = 1.0
+#: Models whose loss, with little effort, is more than so many times that of the best are out of the race.
+_RIVALS: Final = 1.4
 
 
 @dataclass(frozen=True)
@@ -38,8 +42,22 @@ class Found:
     deviance: float
 
 
-def refit(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_off: bool) -> Found:
-    """Return the model with candidate `i` more, fitted from the numbers that the screen expects."""
+def refitted(
+    problem: Problem, here: Fit, scores: Scores, candidates: Sequence[int], seed: int, far_off: bool
+) -> list[Found]:
+    """Return the models with one of these candidates more, fitted; those that come close to the best of them."""
+    near = [_approach(problem, here, scores, i, seed, far_off) for i in candidates]
+    best = min((one.loss for one in near), default=0.0)
+    found = []
+    for i, one in zip(candidates, near, strict=True):
+        if one.loss <= _RIVALS * best:
+            fitted = finish(problem, one)
+            found.append(Found(scores.probes[i].effect.id, fitted, deviance(problem, fitted)))
+    return found
+
+
+def _approach(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_off: bool) -> Approach:
+    """Return the model with candidate `i` more, near the minimum, from the numbers that the screen expects."""
     one = scores.probes[i]
     coordinates, values = [], {}
     for free, at, expected in zip(one.free, one.at, scores.size[i], strict=True):
@@ -50,11 +68,10 @@ def refit(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_of
     slots = (*here.slots, *(Slot(f) for f in one.free))
     base = here.x + (scores.base[i] if far_off else 0.0)
     iterations, span = _FAR if far_off else _NEAR
-    fitted = fit(
+    return approach(
         problem, here.model + probe_of(one.effect, values), slots, [*base, *coordinates], seed=seed,
         iterations=iterations, span=span, prior=np.array([*here.start, *coordinates]),
     )  # fmt: skip
-    return Found(one.effect.id, fitted, deviance(problem, fitted))
 
 
 def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:

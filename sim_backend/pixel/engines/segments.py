@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LAST", "Segments", "segments_of"]
 
-#: Later than any sample.
-LAST: Final = 1 << 61
+#: Later than any sample; times the addresses of a whole sensor it is still a 64-bit number, as events are written.
+LAST: Final = 1 << 40
 #: The light counts as settled when the log photocurrent is this close to its level, in rms of the noise, and in any
 #: case after so many time constants: where it settles in the dark, the dark current settles it.
 _SETTLED_RMS: Final = 1e-4
