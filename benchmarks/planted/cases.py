@@ -24,8 +24,10 @@ KINDS: Final[dict[Kind, int]] = {"single": 126, "several": 60, "none": 60, "outs
 
 #: Steps at which the reference engine looks, s. No whole number of microseconds, so that the time stamps do not tell
 #: them: the model then looks at another step than the one that made the data.
-_OTHER_STEPS_S: Final = (6.7e-6, 13.7e-6)
+_OTHER_STEPS_S: Final = (13.7e-6, 6.7e-6)
 _STEP_S: Final = 1e-5
+#: What needs hooks is known to the reference engine alone, which is slow there: longer steps, fewer points.
+_SLOW_STEP_S: Final = 17.3e-6
 #: Of so many cases one is made by the reference engine.
 _EVERY: Final = 3
 
@@ -50,6 +52,8 @@ _MOST: Final[dict[str, float]] = {
     "light_flicker": 0.4, "leak": 1.0, "parasitic_photocurrent": 0.02, "high_pass": 10.0, "reset_noise": 0.08,
     "low_frequency_noise": 0.15, "threshold_mismatch": 0.08, "comparator_delay": 5e-3, "refractory_mismatch": 1.0,
     "hot_pixels": 200.0, "crosstalk": 0.3, "timestamp_jitter": 5e-3, "trail_filter": 0.2, "nd_error": 0.5,
+    "light_dead_time": 1e3, "telegraph_thresholds": 0.5, "rebound": 0.5, "gain_drift": 0.5, "bright_noise": 30.0,
+    "compression": 10.0, "polarity_error": 0.3, "dead_frames": 0.5,
 }  # fmt: skip
 #: A faster corner, or readout, is none; a slower one leaves nothing to measure.
 _LEAST: Final[dict[str, float]] = {
@@ -66,11 +70,11 @@ class Plan:
     levels_lux: tuple[float, ...]  #: on chip; ND 3.0 is in at the two dimmest
     long: tuple[float, ...]  #: log contrasts of the wide pulses
     short: tuple[float, ...]  #: of the narrow ones
-    long_s: float = 0.103
+    long_s: float = 0.0805
     short_s: float = 0.0205
     long_periods: int = 12
     short_periods: int = 20
-    constant_s: float = 8.0
+    constant_s: float = 6.0
 
     @property
     def points(self) -> int:
@@ -120,6 +124,9 @@ _PLANS: Final = (
     Plan((0.08, 0.3, 3.0, 100.0), (0.15, 0.22, 0.3, 0.4, 0.6, 1.0), (0.3, 0.45, 1.0)),
     Plan((0.08, 0.3, 1.0, 10.0, 100.0), (0.2, 0.28, 0.36, 0.5, 1.0), (0.35, 0.7)),
 )
+_SHORT_PLAN: Final = Plan(
+    (0.08, 1.0, 100.0), (0.2, 0.28, 0.36, 0.5, 1.0), (0.35, 0.7), long_periods=8, short_periods=16, constant_s=4.0
+)
 
 
 def known_effects() -> dict[str, type[Effect]]:
@@ -153,10 +160,14 @@ def _case(kind: Kind, number: int, seed: int) -> Case:
     for one in _chosen(kind, number, rng):
         model = model + _sized(one, _log_uniform(rng, *_SIZES[kind]), rng)
         left_out = (one,) if kind == "outside" else ()
-    reference = number % _EVERY == _EVERY - 1
-    step = _OTHER_STEPS_S[(number // _EVERY) % len(_OTHER_STEPS_S)] if reference else _STEP_S
     plan = _PLANS[int(rng.integers(len(_PLANS)))]
-    return Case(kind, number, int(own.generate_state(1)[0]), model, left_out, reference, step, plan)
+    turn = number // _EVERY
+    reference, step = number % _EVERY == _EVERY - 1, _OTHER_STEPS_S[turn % len(_OTHER_STEPS_S)]
+    if any(e.hooks() for e in model.effects):
+        reference, step, plan = True, _SLOW_STEP_S, _SHORT_PLAN
+    return Case(
+        kind, number, int(own.generate_state(1)[0]), model, left_out, reference, step if reference else _STEP_S, plan
+    )
 
 
 def _base(rng: np.random.Generator) -> PixelModel:

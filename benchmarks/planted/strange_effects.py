@@ -59,21 +59,24 @@ class TelegraphThresholds(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class ThresholdRecovery(Effect):
-    """Thresholds are higher after a reset and relax within 50 ms: ``theta (1 + gain exp(-t / 50 ms))``."""
+class Rebound(Effect):
+    """The amplifier overshoots: an event is followed by one of the other polarity, 4 ms later, with this probability."""
 
-    id: ClassVar[str] = "threshold_recovery"
-    stage: ClassVar[Stage] = "comparators"
-    sign: ClassVar[str] = "Short pulses are answered less than long ones, alike at every light."
+    id: ClassVar[str] = "rebound"
+    stage: ClassVar[Stage] = "readout"
+    sign: ClassVar[str] = "Events of the wrong polarity shortly after the right ones, always as late."
 
-    gain: float = parameter("1", (0.0, 10.0), 0.3, 0.0, "relative height at the reset")
+    probability: float = parameter("1", (0.0, 1.0), 0.03, 0.0, "that an event has a follower")
 
-    def thresholds(
-        self, on: float, off: float, current_fa: float, since_s: float, z: float  # noqa: ARG002
-    ) -> tuple[float, float]:  # fmt: skip
-        """Return the thresholds."""
-        factor = 1.0 + self.gain * np.exp(-since_s / 0.05)
-        return on * factor, off * factor
+    def events(
+        self, events: npt.NDArray[np.void], draws: EventDraws, memory: dict[str, Any]  # noqa: ARG002
+    ) -> npt.NDArray[np.void]:  # fmt: skip
+        """Return the events and their followers."""
+        followers = events[draws.uniform(events, "rebound.follows") < self.probability].copy()
+        followers["t_us"] += 0.004 * _US_PER_S
+        followers["p"] = 1 - followers["p"]
+        both = np.concatenate([events, followers])
+        return both[np.argsort(both["t_us"], kind="stable")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +140,7 @@ class PolarityError(Effect):
     ) -> npt.NDArray[np.void]:  # fmt: skip
         """Return the events."""
         changed = events.copy()
-        wrong = draws.uniform(events, "wrong") < self.probability
+        wrong = draws.uniform(events, "polarity_error.wrong") < self.probability
         changed["p"] = np.where(wrong, 1 - changed["p"], changed["p"])
         return changed
 
@@ -162,7 +165,7 @@ class DeadFrames(Effect):
 STRANGE: Final[tuple[type[Effect], ...]] = (
     LightDeadTime,
     TelegraphThresholds,
-    ThresholdRecovery,
+    Rebound,
     GainDrift,
     BrightNoise,
     Compression,
