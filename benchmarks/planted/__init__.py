@@ -1,1 +1,1 @@
-"""The planted-effect study: does the diagnosis name what was put into a run, and stay silent where nothing was?"""
+"""The planted-effect study: whether the diagnosis names what was put into a run, and is silent where nothing was."""

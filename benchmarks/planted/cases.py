@@ -11,13 +11,13 @@ import numpy as np
 from bench.diagnosis.catalogue import NEEDS_KNOWN_THRESHOLDS, free_of
 from benchmarks.planted.strange_effects import STRANGE
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects.registry import effects
+from sim_backend.pixel.effects.registry import effect_from_dict, effects
 
 if TYPE_CHECKING:
     from bench.diagnosis.parameters import Free
     from sim_backend.pixel.effects import Effect
 
-__all__ = ["KINDS", "Case", "Kind", "Plan", "cases", "known_effects", "plantable"]
+__all__ = ["KINDS", "Case", "Kind", "Plan", "cases", "dozen", "known_effects", "plantable", "without"]
 
 Kind = Literal["single", "several", "none", "outside"]
 KINDS: Final[dict[Kind, int]] = {"single": 126, "several": 60, "none": 60, "outside": 60}
@@ -150,6 +150,38 @@ def cases(seed: int = 1, counts: dict[Kind, int] | None = None) -> list[Case]:
     """
     wanted = counts or KINDS
     return [_case(kind, number, seed) for kind, count in wanted.items() for number in range(count)]
+
+
+def dozen() -> list[Case]:
+    """Return the fixed dozen that is tried with all tests: gross effects, each by itself, and nothing at all."""
+    usual = PixelModel(theta_on=0.32, theta_off=0.26, noise_rms=0.042, corner_hz=150.0, refractory_s=4e-3)
+    other = PixelModel(theta_on=0.24, theta_off=0.3, noise_rms=0.03, corner_hz=300.0, refractory_s=2e-3)
+    found = []
+    for number, planted in enumerate(_GROSS):
+        model = usual if number % 2 else other
+        for effect_id, values in planted.items():
+            model = model + effect_from_dict(effect_id, values)
+        kind: Kind = "none" if not planted else "single" if len(planted) == 1 else "several"
+        reference = number % _EVERY == _EVERY - 1
+        step = _OTHER_STEPS_S[0] if reference else _STEP_S
+        found.append(Case(kind, number, 1000 + number, model, (), reference, step, _SHORT_PLAN))
+    return found
+
+
+_GROSS: Final[tuple[dict[str, dict[str, float]], ...]] = (
+    {},
+    {"dark_current": {"mean_fa": 6.0}},
+    {"leak": {"rate_per_s": 0.1}},
+    {"threshold_mismatch": {"sigma_on": 0.03, "sigma_off": 0.03}},
+    {"photoreceptor_bandwidth": {"hz_per_fa": 3.0, "max_hz": 3000.0}},
+    {"shot_noise": {"factor": 2.0}},
+    {"reset_noise": {"rms": 0.03}},
+    {"crosstalk": {"probability": 0.03}},
+    {},
+    {"timestamp_jitter": {"sigma_s": 1e-3}},
+    {"refractory_mismatch": {"spread": 0.5}},
+    {"dark_current": {"mean_fa": 6.0}, "leak": {"rate_per_s": 0.1}},
+)
 
 
 def _case(kind: Kind, number: int, seed: int) -> Case:

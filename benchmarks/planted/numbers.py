@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from benchmarks.planted.score import Score, Share, score, share
@@ -131,7 +132,7 @@ def detection(cases: Sequence[Tried]) -> list[Bin]:
     """Return how often a single effect is named first, by its size."""
     single = [c for c in cases if c.kind == "single"]
     found = []
-    for low, high in zip(_EDGES, _EDGES[1:], strict=False):
+    for low, high in pairwise(_EDGES):
         mine = [c for c in single if low <= c.smallest < high]
         if mine:
             middle = math.exp(statistics.fmean(math.log(max(c.smallest, 0.1)) for c in mine))

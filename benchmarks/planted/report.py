@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from benchmarks.planted import numbers
 from benchmarks.planted.cases import KINDS
+from benchmarks.planted.score import share
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -66,8 +67,8 @@ def _lines(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> Iter
     yield ""
     yield f"![Share of single effects that are named first, by size]({_FOLDER}/detection.png)"
     yield ""
-    yield f"What single effects of size {numbers.SEEN:g} or more were first named; a tied group that holds the planted"
-    yield "effect counts as right."
+    yield f"What single effects of size {numbers.SEEN:g} or more were first named; a tied group that holds the"
+    yield "planted effect counts as right."
     yield ""
     yield f"![What was named of each planted effect]({_FOLDER}/confusion.png)"
     yield ""
@@ -76,7 +77,7 @@ def _lines(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> Iter
     yield "| number | contained |"
     yield "|---|---|"
     for key, marks in numbers.coverage(cases).items():
-        yield f"| `{key}` | {numbers.share(marks)} |"
+        yield f"| `{key}` | {share(marks)} |"
     yield ""
     yield from _misses(cases)
     yield f"All numbers, case by case: [{_NUMBERS}]({_FOLDER}/{_NUMBERS})."
@@ -84,13 +85,13 @@ def _lines(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> Iter
 
 _METHOD: Final = (
     "**Size** is the root of the expected fall of the deviance between the truth with and without the effect. It is",
-    "computed before the diagnosis, from simulated expectations, when the base pixel's numbers have taken up what they",
-    "can; the chance in the simulations cancels in the product of two independent ones. Of gross effects it is what the",
-    "straight line says, and only says that they are gross.",
+    "computed before the diagnosis, from simulated expectations, when the base pixel's numbers have taken up what",
+    "they can; the chance in the simulations cancels in the product of two independent ones. Of gross effects it is",
+    "what the straight line says, and only says that they are gross.",
     "",
     "**Runs** have 16 x 16 pixels and at most 40 points: constant light and square waves of two widths, at three to",
-    "five light levels. The base pixel differs from case to case. A third of the runs was made by the reference engine",
-    "at 13.7 or 6.7 us a step, which their time stamps do not tell: the model looks every 10 us.",
+    "five light levels. The base pixel differs from case to case. A third of the runs was made by the reference",
+    "engine at 13.7 or 6.7 us a step, which their time stamps do not tell: the model looks every 10 us.",
     "",
     "**Outside** are effects that the diagnosis was not told of, and effects that no built-in one can express",
     "(`benchmarks/planted/strange_effects.py`). The nearest effect of the catalogue mimics one when less than",
@@ -110,7 +111,8 @@ def _more(cases: Sequence[Tried]) -> Iterator[str]:
         yield f"Groups in which a single effect was named hold {numbers.group_size(cases):.2f} effects on average;"
         yield f"{alone} of {len(right)} stood alone."
     seconds = sorted(c.seconds for c in cases)
-    yield f"A diagnosis took {statistics.median(seconds):.0f} s (median; {seconds[-1]:.0f} s the longest) in one process."
+    middle = statistics.median(seconds)
+    yield f"A diagnosis took {middle:.0f} s (median; {seconds[-1]:.0f} s the longest) in one process."
     ends = [c.score.errors for c in cases if c.kind in ("single", "several") and len(c.score.errors) > 1]
     if ends:
         before, after = (statistics.median(e[i] for e in ends) for i in (0, -1))
@@ -159,7 +161,7 @@ def _numbers(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> di
         "confusion": [
             {"planted": p, "named": n, "count": count} for (p, n), count in numbers.confusion(cases).items()
         ],
-        "coverage": {key: numbers.share(marks).to_dict() for key, marks in numbers.coverage(cases).items()},
+        "coverage": {key: share(marks).to_dict() for key, marks in numbers.coverage(cases).items()},
         "cases": [_row(c) for c in cases],
     }
 
@@ -167,7 +169,7 @@ def _numbers(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> di
 def _row(case: Tried) -> dict[str, Any]:
     return {
         "name": case.name,
-        "size": {k: round(v, 2) for k, v in case.size.items()} if case.size else {e: None for e in case.planted},
+        "size": {k: round(v, 2) for k, v in case.size.items()} if case.size else dict.fromkeys(case.planted),
         "beyond_mimic": None if case.beyond_mimic is None else round(case.beyond_mimic, 2),
         "reference": case.reference,
         "groups": [list(g) for g in case.score.groups],

@@ -98,7 +98,7 @@ def _point(
 ) -> PointData:  # fmt: skip
     """Return one point; `half_s` is half a period of a square wave, or all of constant light (contrast 0)."""
     pulses = 2 * periods
-    edges: Floats = np.arange(pulses + 1) * half_s
+    edges: Floats = np.arange(pulses + 1, dtype=np.float64) * half_s
     return PointData(
         path=Path(f"{index:06d}.h5"),
         index=index,

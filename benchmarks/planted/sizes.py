@@ -9,7 +9,7 @@ have nothing in common does not.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -22,7 +22,8 @@ from bench.diagnosis.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import on_sensor, recording_seed, simulate_point
 from benchmarks.planted.cases import without
-from benchmarks.planted.runs import SENSOR, planned_points
+from benchmarks.planted.runs import ROI, SENSOR, planned_points
+from protocols.points import Roi
 from sim_backend.pixel import FastEngine
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ _SENSORS: Final = 3
 _SETS: Final = 2
 #: Sensors of the set from which the changes by the base numbers are known, and those by what mimics an effect.
 _OTHERS: Final = 2
+_SLOW: Final = frozenset({"high_pass"})
+_QUARTER: Final = Roi(ROI.x, ROI.y, ROI.width // 2, ROI.height // 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +61,18 @@ class Sizes:
 
 
 class _Bench:
-    """The points of a case, and what simulated sensors of models show there."""
+    """The points of a case, and what simulated sensors of models show there.
+
+    What only the reference engine knows is simulated in a quarter of the pixels, and sizes are made twice as large:
+    they go with the root of the number of pixels.
+    """
 
     def __init__(self, case: Case) -> None:
+        slow = any(e.id in _SLOW or e.hooks() for e in case.model.effects)
         self.points: list[PointData] = planned_points(case)
+        if slow:
+            self.points = [replace(p, roi=_QUARTER) for p in self.points]
+        self.scale = 2.0 if slow else 1.0
         self._seed = case.seed
         self._engine = FastEngine(_STEP_S, threads=1)
 
@@ -131,7 +142,7 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
         rest = without(case, effect_id)
         first, second = truth.apart(rest)
         base, prior = _base_changes(truth, rest)
-        size[effect_id] = _root(fall(first, second, base, prior))
+        size[effect_id] = truth.bench.scale * _root(fall(first, second, base, prior))
         if mimics:
             nearest = _nearest(truth, rest, effect_id, base, prior, (first, second))
     return Sizes(size, *nearest)
@@ -175,8 +186,11 @@ def _base_changes(truth: _Truth, model: PixelModel) -> tuple[Floats, Floats]:
 def _nearest(
     truth: _Truth, model: PixelModel, planted: str, base: Floats, prior: Floats, apart: tuple[Floats, Floats]
 ) -> tuple[str, float]:  # fmt: skip
-    """Return the effect of the catalogue that leaves least of the difference, and how much that is."""
-    known = [e for e in candidates(model, truth.bench.points) if e.id != planted]
+    """Return the effect of the catalogue that leaves least of the difference, and how much that is.
+
+    Slow ones are not asked.
+    """
+    known = [e for e in candidates(model, truth.bench.points) if e.id not in (planted, *_SLOW)]
     left: dict[str, float] = {}
     for cls in known:
         switches = [f for f in free_of(cls) if f.scale != "log"]
@@ -186,7 +200,7 @@ def _nearest(
             rest = fall(*apart, base, prior)
         left[cls.id] = _root(rest)
     best = min(left, key=lambda i: left[i])
-    return best, left[best]
+    return best, truth.bench.scale * left[best]
 
 
 def _is_along(column: Floats, apart: tuple[Floats, Floats], base: Floats, prior: Floats) -> bool:

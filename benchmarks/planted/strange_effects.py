@@ -42,7 +42,7 @@ class LightDeadTime(Effect):
 
 @dataclass(frozen=True, slots=True)
 class TelegraphThresholds(Effect):
-    """After each reset both thresholds are either ``1 + depth`` or ``1 - depth`` times their own (random telegraph)."""
+    """Random telegraph: after each reset both thresholds are ``1 + depth`` or ``1 - depth`` times their own."""
 
     id: ClassVar[str] = "telegraph_thresholds"
     stage: ClassVar[Stage] = "comparators"
@@ -60,7 +60,7 @@ class TelegraphThresholds(Effect):
 
 @dataclass(frozen=True, slots=True)
 class Rebound(Effect):
-    """The amplifier overshoots: an event is followed by one of the other polarity, 4 ms later, with this probability."""
+    """An overshoot: with this probability an event is followed by one of the other polarity, 4 ms later."""
 
     id: ClassVar[str] = "rebound"
     stage: ClassVar[Stage] = "readout"

@@ -45,8 +45,17 @@ def wanted(seed: int, only: Sequence[str] = (), limit: int | None = None) -> lis
         Kinds, or names of cases; empty for all.
     limit
         At the most so many of each kind.
+
+    Raises
+    ------
+    InputError
+        There is no such kind or case.
     """
-    chosen = [c for c in cases(seed) if not only or c.kind in only or c.name in only]
+    every = cases(seed)
+    for name in only:
+        if name not in KINDS and all(c.name != name for c in every):
+            raise InputError(f"no cases {name!r}; expected {', '.join(KINDS)}, or the name of a case as single-003")
+    chosen = [c for c in every if not only or c.kind in only or c.name in only]
     chosen = [c for c in chosen if limit is None or c.number < limit or c.name in only]
     return sorted(chosen, key=lambda c: c.number / KINDS[c.kind])
 
