@@ -5,6 +5,7 @@
 #   make check   lint, types, import contracts, quick tests, wheel
 #   make bench   speed, side by side
 #   make verify  the fast engine against the reference engine, 1e5 pulses at each of many settings (under 40 minutes)
+#   make study   plant effects in 306 runs and diagnose each (hours; it goes on where it was stopped)
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -12,6 +13,8 @@ SEED   ?= 1
 # As many processes as processors take the tests; WORKERS=0 takes them in one, for a debugger. A process that has come
 # to the end of its tests takes half of what another has left, so neighbours mostly share their fixtures.
 WORKERS ?= logical
+# Cases of the planted-effect study that run side by side.
+STUDY_WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8 --dist worksteal
@@ -21,7 +24,7 @@ RUN_ENV  := $(VENV)/.ready-run
 TEST_ENV := $(VENV)/.ready-test
 DEV_ENV  := $(VENV)/.ready-dev
 
-.PHONY: help demo test quick check lint types contracts wheel bench verify lock clean
+.PHONY: help demo test quick check lint types contracts wheel bench verify study lock clean
 .DELETE_ON_ERROR:
 
 help:
@@ -58,6 +61,9 @@ bench: $(TEST_ENV)
 
 verify: $(TEST_ENV)
 	$(BIN)/python benchmarks/equal_statistics.py
+
+study: $(TEST_ENV)
+	$(BIN)/python -m benchmarks.planted --seed $(SEED) --workers $(STUDY_WORKERS)
 
 lock:
 	.ci/lock

@@ -1,0 +1,192 @@
+"""The page of the study in the documentation, its numbers as JSON, and its figures."""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+from typing import TYPE_CHECKING, Any, Final
+
+from benchmarks.planted import numbers
+from benchmarks.planted.cases import KINDS
+from benchmarks.planted.score import share
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from benchmarks.planted.numbers import Tried
+
+__all__ = ["PAGE", "write_report"]
+
+PAGE: Final = "planted-study.md"
+_FOLDER: Final = "planted-study"
+_NUMBERS: Final = "planted-study.json"
+
+
+def write_report(records: Sequence[Mapping[str, Any]], docs: Path) -> Path:
+    """Write page, numbers and figures into `docs`, and return the path of the page."""
+    cases = numbers.tried(records)
+    folder = docs / _FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    _draw(cases, folder)
+    text = json.dumps(_numbers(records, cases), indent=1, allow_nan=False) + "\n"
+    (folder / _NUMBERS).write_text(text, encoding="utf-8")
+    page = docs / PAGE
+    page.write_text("\n".join(_lines(records, cases)) + "\n", encoding="utf-8")
+    return page
+
+
+def _draw(cases: Sequence[Tried], folder: Path) -> None:
+    from bench.report.figures.style import house_style
+    from benchmarks.planted.figures import draw_confusion, draw_detection
+
+    with house_style():
+        drawings = {
+            "detection": draw_detection(numbers.detection(cases), cases),
+            "confusion": draw_confusion(numbers.confusion(cases)),
+        }
+        for name, figure in drawings.items():
+            figure.savefig(folder / f"{name}.png", metadata={"Software": None})
+
+
+def _lines(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> Iterator[str]:
+    yield "# What the diagnosis finds, and what it does not"
+    yield ""
+    yield "Runs whose truth is known, diagnosed as any run is. Made by `make study` (`benchmarks/planted/`), from"
+    yield f"seed {_seeds(records)} and revision {_revisions(records)}; {_counts(cases)}."
+    yield ""
+    yield from _METHOD
+    yield ""
+    yield "| what | asked | found (95 % interval) |"
+    yield "|---|---|---|"
+    for claim in numbers.claims(cases):
+        yield f"| {claim.text} | {claim.asked} | {claim.found} |"
+    yield ""
+    yield from _more(cases)
+    yield ""
+    yield f"![Share of single effects that are named first, by size]({_FOLDER}/detection.png)"
+    yield ""
+    yield f"What single effects of size {numbers.SEEN:g} or more were first named; a tied group that holds the"
+    yield "planted effect counts as right."
+    yield ""
+    yield f"![What was named of each planted effect]({_FOLDER}/confusion.png)"
+    yield ""
+    yield "Intervals of 90 % that contain the truth, where the effects were named right:"
+    yield ""
+    yield "| number | contained |"
+    yield "|---|---|"
+    for key, marks in numbers.coverage(cases).items():
+        yield f"| `{key}` | {share(marks)} |"
+    yield ""
+    yield from _misses(cases)
+    yield f"All numbers, case by case: [{_NUMBERS}]({_FOLDER}/{_NUMBERS})."
+
+
+_METHOD: Final = (
+    "**Size** is the root of the expected fall of the deviance between the truth with and without the effect. It is",
+    "computed before the diagnosis, from simulated expectations, when the base pixel's numbers have taken up what",
+    "they can; the chance in the simulations cancels in the product of two independent ones. Of gross effects it is",
+    "what the straight line says, and only says that they are gross.",
+    "",
+    "**Runs** have 16 x 16 pixels and at most 40 points: constant light and square waves of two widths, at three to",
+    "five light levels. The base pixel differs from case to case. A third of the runs was made by the reference",
+    "engine at 13.7 or 6.7 us a step, which their time stamps do not tell: the model looks every 10 us.",
+    "",
+    "**Outside** are effects that the diagnosis was not told of, and effects that no built-in one can express",
+    "(`benchmarks/planted/strange_effects.py`). The nearest effect of the catalogue mimics one when less than",
+    f"{numbers.ALIKE:g} standard errors are left beside it.",
+)
+
+
+def _counts(cases: Sequence[Tried]) -> str:
+    parts = [f"{sum(c.kind == kind for c in cases)} of {count} {kind}" for kind, count in KINDS.items()]
+    return f"finished are {', '.join(parts)}"
+
+
+def _more(cases: Sequence[Tried]) -> Iterator[str]:
+    right = [c for c in cases if c.kind == "single" and c.score.first_right]
+    if right:
+        alone = sum(len(c.score.groups[0]) == 1 for c in right)
+        yield f"Groups in which a single effect was named hold {numbers.group_size(cases):.2f} effects on average;"
+        yield f"{alone} of {len(right)} stood alone."
+    seconds = sorted(c.seconds for c in cases)
+    middle = statistics.median(seconds)
+    yield f"A diagnosis took {middle:.0f} s (median; {seconds[-1]:.0f} s the longest) in one process."
+    ends = [c.score.errors for c in cases if c.kind in ("single", "several") and len(c.score.errors) > 1]
+    if ends:
+        before, after = (statistics.median(e[i] for e in ends) for i in (0, -1))
+        yield f"Where an effect was added, the error fell from {before:.3g} to {after:.3g} (medians; floor 1)."
+
+
+def _misses(cases: Sequence[Tried]) -> Iterator[str]:
+    """Yield the cases in which the diagnosis did not do what was asked."""
+    rows = [row for case in cases for row in _miss(case)]
+    if not rows:
+        return
+    yield "Cases in which it did not do what was asked:"
+    yield ""
+    yield "| case | planted (size) | named | verdict |"
+    yield "|---|---|---|---|"
+    yield from rows
+    yield ""
+
+
+def _miss(case: Tried) -> Iterator[str]:
+    seen = case.smallest >= numbers.SEEN
+    wrong = {
+        "single": seen and not case.score.first_right,
+        "several": seen and not case.score.all_named,
+        "none": bool(case.score.groups),
+        "outside": seen and (case.score.false > 0 or not case.score.unexplained),
+    }[case.kind]
+    if wrong:
+        planted = ", ".join(f"{e} ({case.size.get(e, math.nan):.3g})" for e in case.planted) or "nothing"
+        named = ", ".join(" or ".join(g) for g in case.score.groups) or "nothing"
+        yield f"| {case.name} | {planted} | {named} | {case.score.verdict} |"
+
+
+def _numbers(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> dict[str, Any]:
+    bins = numbers.detection(cases)
+    return {
+        "format": "evs-bench-planted-study/1",
+        "seeds": sorted({r["study_seed"] for r in records}),
+        "revisions": sorted({r["revision"] for r in records}),
+        "finished": {kind: sum(c.kind == kind for c in cases) for kind in KINDS},
+        "claims": [{"what": c.text, "asked": c.asked, **c.found.to_dict()} for c in numbers.claims(cases)],
+        "mean_group": _plain(numbers.group_size(cases)),
+        "detection": [
+            {"from": b.low, "to": _plain(b.high), "middle": round(b.middle, 3), **b.found.to_dict()} for b in bins
+        ],
+        "confusion": [
+            {"planted": p, "named": n, "count": count} for (p, n), count in numbers.confusion(cases).items()
+        ],
+        "coverage": {key: share(marks).to_dict() for key, marks in numbers.coverage(cases).items()},
+        "cases": [_row(c) for c in cases],
+    }
+
+
+def _row(case: Tried) -> dict[str, Any]:
+    return {
+        "name": case.name,
+        "size": {k: round(v, 2) for k, v in case.size.items()} if case.size else dict.fromkeys(case.planted),
+        "beyond_mimic": None if case.beyond_mimic is None else round(case.beyond_mimic, 2),
+        "reference": case.reference,
+        "groups": [list(g) for g in case.score.groups],
+        "verdict": case.score.verdict,
+        "errors": [_plain(e) for e in case.score.errors],
+        "unseen": [_plain(e) for e in case.score.unseen],
+        "seconds": case.seconds,
+    }
+
+
+def _plain(value: float) -> float | None:
+    return round(value, 4) if math.isfinite(value) else None
+
+
+def _seeds(records: Sequence[Mapping[str, Any]]) -> str:
+    return ", ".join(str(s) for s in sorted({r["study_seed"] for r in records}))
+
+
+def _revisions(records: Sequence[Mapping[str, Any]]) -> str:
+    return ", ".join(sorted({r["revision"] for r in records}))

@@ -1,0 +1,152 @@
+"""The planted-effect study: runs its cases side by side, and writes what came out into the documentation.
+
+Run with ``make study`` or ``python -m benchmarks.planted``. It can be stopped at any time, and goes on where it was;
+the report is written of the cases that are finished::
+
+    python -m benchmarks.planted --only none --limit 10     ten cases with nothing planted
+    python -m benchmarks.planted --report                   the report alone
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from bench.compute import Workforce
+from bench.run.software import revision
+from benchmarks.planted.cases import KINDS, cases
+from benchmarks.planted.results import append, finished, read
+from benchmarks.planted.trial import Trial, run_trial
+from protocols.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import Any
+
+    from benchmarks.planted.cases import Case
+
+__all__ = ["main", "run_study", "wanted"]
+
+_ROOT: Final = Path(__file__).resolve().parents[2]
+_DOCS: Final = _ROOT / "docs" / "reference"
+_RESULTS: Final = _ROOT / "build" / "planted" / "results.jsonl"
+
+
+def wanted(seed: int, only: Sequence[str] = (), limit: int | None = None) -> list[Case]:
+    """Return the cases to run: of each kind in turn, so that a study that was stopped has some of each.
+
+    Parameters
+    ----------
+    only
+        Kinds, or names of cases; empty for all.
+    limit
+        At the most so many of each kind.
+
+    Raises
+    ------
+    InputError
+        There is no such kind or case.
+    """
+    every = cases(seed)
+    for name in only:
+        if name not in KINDS and all(c.name != name for c in every):
+            raise InputError(f"no cases {name!r}; expected {', '.join(KINDS)}, or the name of a case as single-003")
+    chosen = [c for c in every if not only or c.kind in only or c.name in only]
+    chosen = [c for c in chosen if limit is None or c.number < limit or c.name in only]
+    return sorted(chosen, key=lambda c: c.number / KINDS[c.kind])
+
+
+def run_study(
+    chosen: Sequence[Case],
+    results: Path,
+    seed: int,
+    workers: int = 1,
+    tell: Callable[[str], None] = print,
+    trial: Callable[[Trial], dict[str, Any]] = run_trial,
+) -> int:
+    """Run the cases that are not in the file of results yet; return how many failed.
+
+    A case that fails is told, and tried again when the study is run again; the others go on.
+    """
+    results.parent.mkdir(parents=True, exist_ok=True)
+    done = finished(results, seed)
+    left = [Trial(c, seed, _revision()) for c in chosen if c.name not in done]
+    tell(f"{len(chosen) - len(left)} of {len(chosen)} cases were finished before")
+    begin, count, failed = time.monotonic(), 0, 0
+    with Workforce(workers).open(tell) as executor:
+        for index, record in executor.map(_Caught(trial), left, name=lambda t: t.case.name):
+            count += 1
+            left_min = (time.monotonic() - begin) / count * (len(left) - count) / 60.0
+            if "failed" in record:
+                failed += 1
+                tell(f"{count}/{len(left)}  {left[index].case.name}: failed: {record['failed']}")
+                continue
+            append(results, record)
+            tell(f"{count}/{len(left)}  {_line(left[index].case, record)}; {left_min:.0f} min left")
+    return failed
+
+
+@dataclass(frozen=True, slots=True)
+class _Caught:
+    """Tries a case; what it raises becomes its record, so that the others go on."""
+
+    trial: Callable[[Trial], dict[str, Any]]
+
+    def __call__(self, one: Trial) -> dict[str, Any]:
+        try:
+            return self.trial(one)
+        except Exception as error:  # noqa: BLE001 - it is told, and the case is tried again next time
+            return {"name": one.case.name, "failed": f"{type(error).__name__}: {error}"}
+
+
+def main(arguments: list[str]) -> int:
+    """Run the study and write its report; return 1 if a case failed."""
+    asked = _parser().parse_args(arguments)
+    try:
+        chosen = wanted(asked.seed, asked.only, asked.limit)
+        failed = 0 if asked.report else run_study(chosen, asked.results, asked.seed, asked.workers, _tell)
+        records = read(asked.results)
+        if not records:
+            raise InputError(f"{asked.results}: no finished cases")
+        from benchmarks.planted.report import write_report
+
+        _tell(f"written: {write_report(records, asked.docs)}")
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return int(failed > 0)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="benchmarks.planted", description="planted-effect study")
+    parser.add_argument("--seed", type=int, default=1, help="another seed, other cases")
+    parser.add_argument("--only", action="append", default=[], metavar="KIND", help=f"{', '.join(KINDS)}, or a case")
+    parser.add_argument("--limit", type=int, help="at the most so many of each kind")
+    parser.add_argument("--workers", type=int, default=1, help="cases that run side by side")
+    parser.add_argument("--results", type=Path, default=_RESULTS, help="file of finished cases; it is gone on with")
+    parser.add_argument("--docs", type=Path, default=_DOCS, help="folder for the report")
+    parser.add_argument("--report", action="store_true", help="write the report of what is finished, and run nothing")
+    return parser
+
+
+def _line(case: Case, record: dict[str, Any]) -> str:
+    from benchmarks.planted.score import score
+
+    found = score(record["truth"], record["diagnosis"])
+    named = ", ".join("/".join(g) for g in found.groups) or "nothing"
+    sizes = record["sizes"]["size"]
+    planted = ", ".join(f"{e} ({sizes[e]:.1f})" if e in sizes else e for e in case.planted) or "nothing"
+    return f"{case.name}: {planted} -> {named}, {found.verdict}, {record['seconds']:.0f} s"
+
+
+def _tell(line: str) -> None:
+    print(line, flush=True)
+
+
+def _revision() -> str:
+    known = revision(_ROOT)
+    return f"{known['revision'][:12]}{' (modified)' if known['modified'] else ''}" if known else "unknown"

@@ -1,0 +1,71 @@
+"""One case from its beginning to its end: size, run, diagnosis."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from benchmarks.planted.runs import make_run
+from benchmarks.planted.sizes import Sizes, sizes_of
+
+if TYPE_CHECKING:
+    from benchmarks.planted.cases import Case
+
+__all__ = ["MOST", "Trial", "diagnose_run", "run_trial"]
+
+MOST: Final = 3  #: effects that a diagnosis adds at the most
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A case to be tried; it can be sent to another process."""
+
+    case: Case
+    study_seed: int
+    revision: str
+    sizes: bool = True  #: whether the sizes of the effects are wanted, too
+
+
+def run_trial(trial: Trial) -> dict[str, Any]:
+    """Return the record of a case: truth, sizes, what the diagnosis said, and how long it took."""
+    case = trial.case
+    sizes = sizes_of(case, mimics=case.kind == "outside") if trial.sizes else Sizes({})
+    with tempfile.TemporaryDirectory(prefix="planted-") as folder:
+        run = make_run(case, Path(folder) / case.name)
+        begin = time.monotonic()
+        found = diagnose_run(run, case.left_out)
+        seconds = time.monotonic() - begin
+    record = {
+        "name": case.name,
+        "study_seed": trial.study_seed,
+        "revision": trial.revision,
+        "truth": case.to_dict(),
+        "sizes": asdict(sizes),
+        "seconds": round(seconds, 2),
+        "diagnosis": found,
+    }
+    plain: dict[str, Any] = json.loads(json.dumps(_finite(record)))
+    return plain
+
+
+def diagnose_run(run: Path, left_out: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return the JSON of the diagnosis of a run, made in this process."""
+    from bench.diagnosis.diagnosis import Diagnosis
+
+    with Diagnosis(run, seed=1, workers=1, without=left_out) as diagnosis:
+        found: dict[str, Any] = diagnosis.run(most=MOST).to_dict()
+    return found
+
+
+def _finite(value: Any) -> Any:
+    """Return plain values in which numbers that are not finite are null, as JSON has it."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
