@@ -14,7 +14,7 @@ from bench.commands.common import (
     results_option,
     say,
 )
-from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, size_of
+from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, processes, size_of
 
 __all__ = ["command"]
 
@@ -48,7 +48,7 @@ def command(
     opened = open_runs(runs)
     results = results_folder(runs[0], out)
     with log_into(results / LOG_FILE), Teller() as tell:
-        comparison = compare(opened, model, seed=seed, workers=workers, tell=tell)
+        comparison = compare(opened, model, seed=seed, workforce=processes(workers), tell=tell)
         tell("looking at the pixels' places")
         found = patterns(pixel_map([p for run in opened for p in run.points()]))
     places = worst_places(comparison.residuals, comparison.correlation)
@@ -60,7 +60,7 @@ def command(
     if as_json:
         print_json(content)
     else:
-        click.echo(head_line(comparison.runs, *size_of(opened)))
+        click.echo(head_line(comparison.runs, *size_of(opened), comparison.findings))
         for line in (*comparison_lines(comparison, places, found), "", *axis_lines(bins)):
             click.echo(line)
     say(f"the model with its fitted numbers, and all residuals, are in {folder}")

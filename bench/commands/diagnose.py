@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from bench.commands.common import (
     results_option,
     say,
 )
-from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, size_of
+from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, processes, size_of
 from bench.commands.evaluating import DIAGNOSIS
 
 if TYPE_CHECKING:
@@ -70,9 +71,9 @@ def command(
     show: Callable[[str], None] = say if as_json else _print
     folder = results / DIAGNOSIS
     with log_into(results / LOG_FILE), Teller() as tell:
-        with Diagnosis(opened, model, seed=seed, workers=workers, tell=tell) as diagnosis:
+        with Diagnosis(opened, model, seed=seed, tell=tell, workforce=processes(workers)) as diagnosis:
             outcome = _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
-            residuals = residuals_by_step(diagnosis.problem, diagnosis.fits)
+            residuals = residuals_by_step(diagnosis.problem, diagnosis.fits) if outcome.steps else {}
         tell("drawing the figures")
         _save(outcome, residuals, folder)
     if as_json:
@@ -110,7 +111,7 @@ def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None]) ->
     def ask(question: str) -> str | None:
         tell.rest()
         click.echo(question, nl=False, err=True)
-        return click.get_text_stream("stdin").readline() or None
+        return sys.stdin.readline() or None
 
     def show_at_rest(line: str) -> None:
         tell.rest()

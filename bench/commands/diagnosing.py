@@ -14,10 +14,11 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
+    from bench.compute import Workforce
     from bench.models.pixel_files import PixelModel
     from bench.store import Run
 
-__all__ = ["Teller", "fit_options", "model_of", "open_runs", "size_of"]
+__all__ = ["Teller", "fit_options", "model_of", "open_runs", "processes", "size_of"]
 
 _model_option = click.option(
     "--model", "model_file", metavar="FILE", help="A pixel model to start from; default is the base pixel alone."
@@ -51,6 +52,14 @@ def open_runs(folders: Sequence[Path]) -> tuple[Run, ...]:
         for line in run.damaged:
             say(f"left out: {line}")
     return found
+
+
+def processes(workers: int) -> Workforce:
+    """Return so many processes, which know the user's own effects."""
+    from bench.compute import Workforce
+    from bench.models.effect_sources import same_effects
+
+    return Workforce(workers, setup=same_effects())
 
 
 def size_of(runs: Sequence[Run]) -> tuple[int, int]:

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.compute import Workforce
-from bench.diagnosis.diagnose import error_of, values_of, worst_of
 from bench.diagnosis.fit import fit
+from bench.diagnosis.gate import findings_of
+from bench.diagnosis.judging import error_of, values_of, worst_of
 from bench.diagnosis.result import Step
 from bench.diagnosis.session import open_session
-from bench.models.effect_sources import same_effects
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     import numpy.typing as npt
 
+    from bench.compute import Workforce
     from bench.diagnosis.fit import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.residuals import Measured
@@ -61,6 +61,7 @@ class Comparison:
     """A fitted model beside a run."""
 
     runs: tuple[str, ...]
+    findings: tuple[str, ...]  #: why the data are not fit to be judged; empty: they are
     step: Step  #: without candidates
     residuals: tuple[Residual, ...]
     correlation: Floats = field(repr=False, compare=False)  #: (n, n) of the residuals, as the model expects it
@@ -68,7 +69,7 @@ class Comparison:
 
 
 def compare(
-    runs: Sequence[Run], model: PixelModel | None = None, *, seed: int = 1, workers: int = 2,
+    runs: Sequence[Run], model: PixelModel | None = None, *, seed: int = 1, workforce: Workforce | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Comparison:  # fmt: skip
     """Fit the free numbers of a model to runs of one sensor, and lay both side by side.
@@ -79,8 +80,8 @@ def compare(
         None for the base pixel alone.
     seed
         Of the simulations; the same seed gives the same comparison.
-    workers
-        Processes that simulate.
+    workforce
+        Who simulates; None for this process.
     tell
         Called with what is being done.
 
@@ -91,16 +92,18 @@ def compare(
     """
     say = tell or (lambda _: None)
     say("looking at the events")
-    with open_session(runs, model, Workforce(workers, setup=same_effects())) as session:
+    with open_session(runs, model, workforce) as session:
         problem = session.problem
         say("fitting the model")
-        found = fit(problem, session.model, problem.base_slots(), problem.start(session.model), seed=seed)
+        start = problem.start(session.model, by_eye=session.by_eye)
+        found = fit(problem, session.model, problem.slots_of(session.model), start, seed=seed)
         effects = dict.fromkeys([*(s.free.owner for s in found.slots), *(e.id for e in found.model.effects)])
         step = Step(
             0, None, tuple(effects), error_of(problem, found), values_of(problem, found), (), worst_of(problem, found)
         )
         shown = residuals_of(problem, found)
-        return Comparison(session.ids, step, shown, correlation_of(problem, found), found.model)
+        mutual = correlation_of(problem, found)
+        return Comparison(session.ids, findings_of(problem), step, shown, mutual, found.model)
 
 
 def residuals_of(problem: Problem, one: Fit) -> tuple[Residual, ...]:

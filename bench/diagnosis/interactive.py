@@ -22,6 +22,8 @@ __all__ = ["Choice", "Stepwise", "choose", "watch"]
 class Stepwise(Protocol):
     """A diagnosis that goes on step by step."""
 
+    findings: tuple[str, ...]  #: why the data are not fit to be judged
+
     @property
     def steps(self) -> tuple[Step, ...]:
         """The steps so far, the first one without an addition."""
@@ -33,7 +35,7 @@ class Stepwise(Protocol):
     def add(self, effect: str) -> Step:
         """Add an effect."""
 
-    def undo(self) -> None:
+    def undo(self) -> Step:
         """Go back by one step."""
 
     def outcome(self) -> Outcome:
@@ -57,6 +59,8 @@ def watch(
 ) -> Outcome:
     """Show each step, do what is asked for, and return the outcome in the end.
 
+    Data that are not fit to be judged are told so, and looked at all the same.
+
     Parameters
     ----------
     ask
@@ -66,6 +70,8 @@ def watch(
     place
         Returns where the model of a step fails most.
     """
+    for finding in diagnosis.findings:
+        show(f"not fit to judge: {finding}")
     _show_step(diagnosis, show, place)
     while True:
         choice = choose(ask(question(diagnosis)), diagnosis)
@@ -94,7 +100,7 @@ def watch(
 def question(diagnosis: Stepwise) -> str:
     """Return what the person is asked."""
     proposal = diagnosis.proposal
-    first = f"ENTER adds {proposal}" if proposal is not None else "nothing is significant: ENTER stops"
+    first = f"ENTER adds {proposal}" if proposal is not None else "ENTER stops"
     undo = "; u: undo" if len(diagnosis.steps) > 1 else ""
     return f"{first}; a number or a name adds that{undo}; q: stop > "
 
@@ -135,6 +141,9 @@ def _unknown(name: str, known: Sequence[str]) -> str:
 
 
 def _show_step(diagnosis: Stepwise, show: Callable[[str], None], place: Callable[[int], Place | None]) -> None:
+    proposal = diagnosis.proposal  # the best candidates are refitted for it, so that the table can show them
     step = diagnosis.steps[-1]
     for line in step_lines(step, place(step.number), gain_of(diagnosis.outcome()), numbered=True):
         show(line)
+    if proposal is None:
+        show("nothing more is significant")

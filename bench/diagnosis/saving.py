@@ -63,6 +63,7 @@ def comparison_dict(comparison: Comparison, patterns: Sequence[Pattern]) -> dict
     return {
         "format": COMPARISON_FORMAT,
         "runs": list(comparison.runs),
+        "data_quality": {"ok": not comparison.findings, "findings": list(comparison.findings)},
         "noise_floor": 1.0,
         "effects": step["effects"],
         "error": step["error"],

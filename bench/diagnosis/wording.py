@@ -48,11 +48,11 @@ _FAR_Z: Final = 3.5
 _PATTERN_Z: Final = 3.5
 
 
-def head_line(runs: Sequence[str], points: int, pixels: int, findings: Sequence[str] | None = None) -> str:
-    """Return what is looked at, and whether it can be judged; findings are None where that was not asked."""
+def head_line(runs: Sequence[str], points: int, pixels: int, findings: Sequence[str]) -> str:
+    """Return what is looked at, and whether it can be judged."""
     name = ("run " if len(runs) == 1 else "runs ") + ", ".join(runs)
-    fit = "" if findings is None else ", not fit to judge" if findings else ", fit to judge"
-    return f"{name}   {_count(points, 'point')}, {_count(pixels, 'pixel')}{fit}"
+    fit = "not fit to judge" if findings else "fit to judge"
+    return f"{name}   {_count(points, 'point')}, {_count(pixels, 'pixel')}, {fit}"
 
 
 def lines_of(outcome: Outcome, places: Mapping[int, Place] | None = None) -> Iterator[str]:
@@ -296,6 +296,7 @@ def smallest_lines(outcome: Outcome) -> Iterator[str]:
 def comparison_lines(comparison: Comparison, places: Sequence[Place], found: Sequence[Pattern]) -> Iterator[str]:
     """Yield the lines of a comparison: the numbers of the model, its error, and where it fails."""
     step = comparison.step
+    yield from (f"not fit to judge: {finding}" for finding in comparison.findings)
     yield f"{_what(step, None)}   {error_text(step.error)}"
     width = max((len(k) for k in step.parameters), default=0)
     for key, value in step.parameters.items():

@@ -180,8 +180,8 @@ def residual_axes(numbers: ResidualAxesNumbers) -> str:
     return (
         "The rms residual of all statistics at each value of what was varied, in standard errors; neighbouring "
         f"values are taken together where they are many. One line for each of {count(len(numbers.steps), 'step')}; "
-        "grey is where a true model lies by chance. A line that is high at one end tells where the model fails; it is "
-        "to be flat and in the grey in the end."
+        "grey is where a true model lies by chance. A line that is high at one end tells where the model fails; "
+        "it is to be flat and in the grey in the end."
     )
 
 

@@ -23,6 +23,7 @@ class Stub:
         self._outcome = outcome
         self.steps: tuple[Step, ...] = outcome.steps[:1]
         self.done: list[str] = []
+        self.findings = outcome.findings
 
     @property
     def proposal(self) -> str | None:
@@ -36,9 +37,10 @@ class Stub:
         self.steps = (*self.steps, replace(self._outcome.steps[1], number=number, added=effect))
         return self.steps[-1]
 
-    def undo(self) -> None:
+    def undo(self) -> Step:
         self.done.append("undo")
         self.steps = self.steps[:-1]
+        return self.steps[-1]
 
     def outcome(self) -> Outcome:
         missing = tuple(s.added for s in self.steps if s.added is not None)
@@ -63,7 +65,8 @@ def test_enter_accepts_the_proposal_and_then_stops(explained: Outcome) -> None:
     assert stub.done == ["dark_current"]
     assert found.missing == ("dark_current",)
     assert "ENTER adds dark_current; a number or a name adds that; q: stop > " in told
-    assert "nothing is significant: ENTER stops; a number or a name adds that; u: undo; q: stop > " in told
+    assert "nothing more is significant" in told
+    assert "\nENTER stops; a number or a name adds that; u: undo; q: stop > " in told
     assert "the error went from 41.7 to 1.06" in told
     assert told.endswith("separation 19 sigma")
 
@@ -111,3 +114,8 @@ def test_nobody_answering_is_a_stop(explained: Outcome) -> None:
     stub, found, _ = played(explained, [])
     assert (stub.done, found.steps) == ([], explained.steps[:1])
     assert choose(None, stub) == Choice("stop")
+
+
+def test_data_that_are_not_fit_are_told_and_looked_at(explained: Outcome) -> None:
+    told = played(replace(explained, findings=("12 events in all points",)), ["q"])[2]
+    assert told.startswith("not fit to judge: 12 events in all points\nstep 0")

@@ -83,7 +83,6 @@ def test_a_diagnosis_without_steps_has_a_verdict_still(explained: Outcome) -> No
 def test_the_head_says_whether_the_data_can_be_judged() -> None:
     assert head_line(["a"], 50, 256, ()) == "run a   50 points, 256 pixels, fit to judge"
     assert head_line(["a", "b"], 1, 256, ("gaps",)) == "runs a, b   1 point, 256 pixels, not fit to judge"
-    assert head_line(["a"], 50, 256) == "run a   50 points, 256 pixels"
 
 
 def test_where_a_model_fails_is_told_with_how_it_changes(
