@@ -21,16 +21,17 @@ class Terminal(io.StringIO):
 
 
 def test_on_a_terminal_one_line_changes_and_rests_while_somebody_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", Terminal())
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
     with Teller() as tell:
         tell("fitting the model")
         tell.rest()
         tell.rest()
-        before = sys.stderr.getvalue()  # type: ignore[attr-defined]
-        sys.stderr.write("ENTER adds leak > ")
+        before = terminal.getvalue()
+        terminal.write("ENTER adds leak > ")
         tell("refitting with leak")
-    told = sys.stderr.getvalue()  # type: ignore[attr-defined]
+    told = terminal.getvalue()
     assert "fitting the model" in before
     assert "\x1b[?25l" in before  # the cursor is hidden while it turns,
     assert before.count("\x1b[?25h") == 1  # and shown while somebody is asked

@@ -47,11 +47,11 @@ def test_residuals_that_depend_on_each_other_scatter_more() -> None:
 def test_the_scatter_that_is_told_is_the_one_that_is_found() -> None:
     rng = np.random.default_rng(5)
     mutual = 0.6 * np.ones((6, 6)) + 0.4 * np.eye(6)
-    draws = rng.multivariate_normal(np.zeros(6), mutual, 4000)
-    bins = [next(iter(by_axis(made(z), mutual))) for z in draws[:1500]]
-    # 1500 draws know a standard deviation to 2 %, that of a square (long tail) to 5 %: four and three of those
-    assert np.std([b.mean for b in bins]) == pytest.approx(bins[0].mean_sd, rel=0.08)
-    assert np.std([b.square for b in bins]) == pytest.approx(bins[0].square_sd, rel=0.15)
+    draws = rng.multivariate_normal(np.zeros(6), mutual, 400)
+    bins = [next(iter(by_axis(made(z), mutual))) for z in draws]
+    # 400 draws know a standard deviation to 3.5 %, that of a square (long tail) to 8 %: four of those
+    assert np.std([b.mean for b in bins]) == pytest.approx(bins[0].mean_sd, rel=0.14)
+    assert np.std([b.square for b in bins]) == pytest.approx(bins[0].square_sd, rel=0.32)
 
 
 def test_many_values_are_taken_together_in_the_order_of_the_axis() -> None:
