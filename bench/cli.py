@@ -38,6 +38,8 @@ _COMMANDS: Final = {
     "resume": "Take the rest of a simulated run that was stopped.",
     "rerun": "Take a simulated run once more: the same events again.",
     "analyze": "Turn a run into S-curves, thresholds and background rates.",
+    "compare": "Fit a pixel model to a run, and show where they disagree.",
+    "diagnose": "Say which effects a pixel model of a run lacks, add them, watch the error fall.",
     "report": "Make the report of a run: one HTML file, figures and tables.",
     "import": "Make a run of recordings that were taken elsewhere.",
     "events": "Say what is in a recording.",

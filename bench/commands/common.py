@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,17 +81,9 @@ def say(text: str) -> None:
 
 def print_json(payload: dict[str, Any]) -> None:
     """Print a result as JSON; numbers that are not finite become null."""
-    click.echo(json.dumps(_finite(payload), indent=2, ensure_ascii=False, allow_nan=False))
+    from bench.plain import json_text
 
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    click.echo(json_text(payload))
 
 
 def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

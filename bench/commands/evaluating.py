@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -11,7 +11,10 @@ if TYPE_CHECKING:
     from bench.analysis.results import Analysis
     from bench.store import Run
 
-__all__ = ["evaluate", "make_report"]
+__all__ = ["DIAGNOSIS", "evaluate", "make_report"]
+
+#: Where a diagnosis of a run lies, in the folder of its results.
+DIAGNOSIS: Final = "diagnosis"
 
 
 def evaluate(run: Run, folder: Path, *, pixel_maps: bool = True) -> tuple[Analysis, Path]:
@@ -29,8 +32,13 @@ def evaluate(run: Run, folder: Path, *, pixel_maps: bool = True) -> tuple[Analys
 
 
 def make_report(run: Run, analysis: Analysis, folder: Path) -> Path:
-    """Write the report of `run` into the folder `report` of `folder`, and return its page."""
+    """Write the report of `run` into the folder `report` of `folder`, and return its page.
+
+    A diagnosis in the folder `diagnosis` of `folder` is shown too.
+    """
     from bench.models.trace import model_trace
     from bench.report import write_report
 
-    return write_report(run, analysis, folder / "report", model_trace=model_trace(run, analysis))
+    return write_report(
+        run, analysis, folder / "report", model_trace=model_trace(run, analysis), diagnosis=folder / DIAGNOSIS
+    )

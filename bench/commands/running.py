@@ -63,20 +63,11 @@ def workforce_options(command: Callable[..., int]) -> Callable[..., int]:
 def workforce_of(workers: int, cluster: str | None) -> Workforce:
     """Return who computes, by the options of :func:`workforce_options`."""
     from bench.compute import Workforce
+    from bench.models.effect_sources import same_effects
 
     if cluster is not None and workers != 1:
         raise click.UsageError("--workers and --cluster exclude each other: the cluster has workers of its own")
-    return Workforce(workers, cluster, setup=_with_the_same_effects())
-
-
-def _with_the_same_effects() -> Callable[[], object] | None:
-    """Return what a worker does first: it loads the user's own effects that are loaded here."""
-    from functools import partial
-
-    from bench.models.effect_sources import load_same_effect_files, loaded_effect_files
-
-    files = [(source.path, source.sha256) for source in loaded_effect_files()]
-    return partial(load_same_effect_files, files) if files else None
+    return Workforce(workers, cluster, setup=same_effects())
 
 
 def take(

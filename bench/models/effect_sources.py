@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from protocols.errors import InputError
 from sim_backend.pixel.effects import effect_source, load_effect_files, loaded_effect_files
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from sim_backend.pixel.effects import EffectSource
 
@@ -17,6 +18,7 @@ __all__ = [
     "load_same_effect_files",
     "loaded_effect_files",
     "require_sources",
+    "same_effects",
     "sources_in_use",
 ]
 
@@ -37,6 +39,15 @@ def load_same_effect_files(files: Sequence[tuple[str, str]]) -> None:
                 f"{path}: is another file for this worker (SHA-256 {source.sha256[:_SHOWN]}) than when the run was "
                 f"begun ({sha256[:_SHOWN]}); expected the same"
             )
+
+
+def same_effects() -> Callable[[], object] | None:
+    """Return what another process does first: it loads the user's own effects that are loaded here.
+
+    None where there are none.
+    """
+    files = [(source.path, source.sha256) for source in loaded_effect_files()]
+    return partial(load_same_effect_files, files) if files else None
 
 
 def sources_in_use(station: Mapping[str, Any]) -> list[dict[str, Any]]:

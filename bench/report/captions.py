@@ -13,15 +13,32 @@ if TYPE_CHECKING:
     from bench.report.example import Example
     from bench.report.families import Axis, Family
     from bench.report.figures.background import BackgroundNumbers
+    from bench.report.figures.error_fall import ErrorFallNumbers
     from bench.report.figures.event_map import EventMapNumbers
     from bench.report.figures.latency import LatencyNumbers
+    from bench.report.figures.misfit_map import MisfitMapNumbers
     from bench.report.figures.pixel import PixelNumbers
     from bench.report.figures.pixel_maps import PixelMapNumbers, Spread
+    from bench.report.figures.ranking import RankingNumbers
     from bench.report.figures.resets import ResetNumbers
+    from bench.report.figures.residual_axes import ResidualAxesNumbers
     from bench.report.figures.scurves import SCurveNumbers
     from bench.report.figures.thresholds import ThresholdNumbers
 
-__all__ = ["background", "event_map", "latency", "pixel", "pixel_maps", "resets", "scurves", "thresholds"]
+__all__ = [
+    "background",
+    "error_fall",
+    "event_map",
+    "latency",
+    "misfit_map",
+    "pixel",
+    "pixel_maps",
+    "ranking",
+    "resets",
+    "residual_axes",
+    "scurves",
+    "thresholds",
+]
 
 _COLOURS: dict[Axis, str] = {
     "level": "Each colour is one light level on chip, dark for little light.",
@@ -146,4 +163,42 @@ def event_map(numbers: EventMapNumbers) -> str:
         f"{count(numbers.total, 'event')} of both polarities in all points; the median pixel sent "
         f"{numbers.median:g}, the loudest (x = {x}, y = {y}) {numbers.most}.{silent}{scale} Look for single bright "
         "pixels (hot), dark ones (dead) and gradients (uneven light)."
+    )
+
+
+def error_fall(numbers: ErrorFallNumbers) -> str:
+    """Caption of the fall of the error."""
+    return (
+        f"The error of the model at each of {count(len(numbers.labels), 'step')}: the mean square residual, scaled "
+        "so that a true model has 1 (dashed). Points that the fit did not see show whether an effect explains, or "
+        "only bends. To the right the rms difference of measured and predicted response probabilities."
+    )
+
+
+def residual_axes(numbers: ResidualAxesNumbers) -> str:
+    """Caption of the residuals against every axis."""
+    return (
+        "The rms residual of all statistics at each value of what was varied, in standard errors; neighbouring "
+        f"values are taken together where they are many. One line for each of {count(len(numbers.steps), 'step')}; "
+        "grey is where a true model lies by chance. A line that is high at one end tells where the model fails; "
+        "it is to be flat and in the grey in the end."
+    )
+
+
+def misfit_map(numbers: MisfitMapNumbers) -> str:
+    """Caption of the map of residuals."""
+    beside = " Left before anything was added, right in the end." if len(numbers.maps) > 1 else ""
+    return (
+        f"The rms residual of each kind of statistic, by {numbers.axis}, in standard errors; red where more was "
+        f"measured than the model has, blue where less.{beside} A true model has about 1 everywhere."
+    )
+
+
+def ranking(numbers: RankingNumbers) -> str:
+    """Caption of the ranking of the candidates."""
+    return (
+        f"The candidates at {count(len(numbers.steps), 'step')}: by how much the deviance would fall with each, as "
+        "the residuals let expect (open bars), and after a refit (filled, of the best ones only). p is the chance "
+        "that the best of all candidates lowers it as far where nothing is missing. Tied: the data cannot tell it "
+        "from the one that was added."
     )

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
     from bench.analysis.results import Analysis
+    from bench.report.diagnosis import DiagnosisSection
     from bench.report.example import RunLike
 
 __all__ = ["Shown", "render", "template"]
@@ -30,7 +31,10 @@ class Shown:
     files: tuple[str, ...]  #: relative to the page
 
 
-def render(run: RunLike, analysis: Analysis, figures: Sequence[Shown], csv_files: Sequence[str]) -> str:
+def render(
+    run: RunLike, analysis: Analysis, figures: Sequence[Shown], csv_files: Sequence[str],
+    diagnosis: DiagnosisSection | None = None,
+) -> str:  # fmt: skip
     """Return the page as HTML. All text that came from files is escaped by the template engine.
 
     Parameters
@@ -41,6 +45,8 @@ def render(run: RunLike, analysis: Analysis, figures: Sequence[Shown], csv_files
         The figures in their order.
     csv_files
         Paths of the tables as CSV, relative to the page.
+    diagnosis
+        What a section says of the diagnosis of the run; None leaves it out.
     """
     facts = facts_of(run)
     return template("report.html").render(
@@ -53,6 +59,7 @@ def render(run: RunLike, analysis: Analysis, figures: Sequence[Shown], csv_files
         background=tables.background_table(analysis.background),
         warnings=tables.warned(analysis),
         figures=figures,
+        diagnosis=diagnosis,
         responses=tables.response_table(analysis.responses),
         pixels=tables.pixel_table(analysis.pixel_maps),
         csv_files=csv_files,

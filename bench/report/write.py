@@ -13,14 +13,17 @@ if TYPE_CHECKING:
     from bench.report.page import Shown
     from bench.report.trace import ModelTrace
 
-__all__ = ["PAGE", "write_report"]
+__all__ = ["PAGE", "show", "write_report"]
 
 PAGE: Final = "report.html"
 _FIGURES: Final = "figures"
 _TABLES: Final = "tables"
 
 
-def write_report(run: RunLike, analysis: Analysis, folder: Path, *, model_trace: ModelTrace | None = None) -> Path:
+def write_report(
+    run: RunLike, analysis: Analysis, folder: Path, *, model_trace: ModelTrace | None = None,
+    diagnosis: Path | None = None,
+) -> Path:  # fmt: skip
     """Write the report of `run` into `folder`, and return the path of the page.
 
     The page is one HTML file that needs nothing else: no network, no file beside it. The figures lie in
@@ -38,12 +41,18 @@ def write_report(run: RunLike, analysis: Analysis, folder: Path, *, model_trace:
     model_trace
         What a model says of the example pixel, see :func:`bench.report.example.choose_example`; drawn as a model.
 
+    diagnosis
+        Folder with the results of a diagnosis of this run; if it holds one, a section shows it.
+
     Raises
     ------
     bench.store.errors.RunError
         If a point of the run is damaged.
+    InputError
+        If the diagnosis cannot be read.
     """
     from bench.analysis.tables import write_csv
+    from bench.report.diagnosis import diagnosis_section
     from bench.report.figures.style import house_style
     from bench.report.gallery import pictures
     from bench.report.page import render
@@ -51,14 +60,15 @@ def write_report(run: RunLike, analysis: Analysis, folder: Path, *, model_trace:
     figures = folder / _FIGURES
     figures.mkdir(parents=True, exist_ok=True)
     with house_style():
-        shown = [_show(picture, figures) for picture in pictures(run, analysis, model_trace)]
+        shown = [show(picture, figures) for picture in pictures(run, analysis, model_trace)]
+    section = None if diagnosis is None else diagnosis_section(diagnosis, figures)
     tables = [f"{_TABLES}/{path.name}" for path in write_csv(analysis, folder / _TABLES)]
     page = folder / PAGE
-    page.write_text(render(run, analysis, shown, tables), encoding="utf-8", newline="\n")
+    page.write_text(render(run, analysis, shown, tables, section), encoding="utf-8", newline="\n")
     return page
 
 
-def _show(picture: Picture, folder: Path) -> Shown:
+def show(picture: Picture, folder: Path) -> Shown:
     """Draw one figure, write its files, and return what the page needs of it."""
     from bench.report.page import Shown
     from bench.report.saving import lay_out, save_figure, svg_data_uri

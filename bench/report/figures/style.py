@@ -35,6 +35,7 @@ __all__ = [
     "lux_axis",
     "new_figure",
     "pixel_axes",
+    "plain_log_axis",
     "point",
     "side_by_side",
     "spread_over",
@@ -179,6 +180,16 @@ def lux_axis(ax: Axes, low: float, high: float, *, dark_at: float | None = None,
     ax.set_xticks(ticks, labels)
     ax.minorticks_off()
     ax.set_xlabel("illuminance on chip")
+
+
+def plain_log_axis(ax: Axes) -> None:
+    """Make the y axis logarithmic, with plain numbers at its ticks; its limits are set before."""
+    low, high = ax.get_ylim()
+    ax.set_yscale("log")
+    ticks = log_axis_ticks(low, high)
+    ax.set_ylim(low, high)
+    ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
 
 
 def spread_over(values: Sequence[float]) -> tuple[float, float]:

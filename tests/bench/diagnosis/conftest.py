@@ -119,3 +119,9 @@ def recorded() -> Callable[[Taken, Sequence[tuple[int, int, int, int]]], Taken]:
 def run_of() -> Callable[[Sequence[Taken], PixelModel, int], Memory]:
     """Have a simulated sensor take points."""
     return take
+
+
+@pytest.fixture(scope="session")
+def make() -> tuple[Callable[..., Taken], Callable[[Sequence[Taken], PixelModel, int], Memory]]:
+    """Make points, and have a simulated sensor take them; for fixtures that last."""
+    return make_point, take

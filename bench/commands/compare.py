@@ -1,0 +1,66 @@
+"""`evs-bench compare`: a model, fitted, beside a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from bench.commands.common import (
+    effects_option,
+    json_option,
+    print_json,
+    results_folder,
+    results_option,
+    say,
+)
+from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, processes, size_of
+
+__all__ = ["command"]
+
+
+@click.command(name="compare")
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
+@fit_options
+@effects_option
+@results_option
+@json_option
+def command(
+    runs: tuple[Path, ...], model_file: str | None, seed: int, workers: int, out: Path | None, as_json: bool
+) -> None:
+    """Fit a pixel model to RUN, and show where measurement and model disagree.
+
+    The free numbers of the model are fitted; stimulus, settings and sensor come from the run. Several runs of one
+    sensor are explained together. What is printed is also in RUN/comparison, with every residual in residuals.csv,
+    and what they do along each axis in by_axis.csv.
+
+    Example:  evs-bench compare my_run --model model.yaml
+    """
+    from bench.diagnosis.axis_wording import axis_lines
+    from bench.diagnosis.by_axis import by_axis, worst_places
+    from bench.diagnosis.comparison import compare
+    from bench.diagnosis.position import patterns, pixel_map
+    from bench.diagnosis.saving import comparison_dict, save_comparison
+    from bench.diagnosis.wording import comparison_lines, head_line
+    from bench.logs import LOG_FILE, log_into
+
+    model = model_of(model_file)
+    opened = open_runs(runs)
+    results = results_folder(runs[0], out)
+    with log_into(results / LOG_FILE), Teller() as tell:
+        comparison = compare(opened, model, seed=seed, workforce=processes(workers), tell=tell)
+        tell("looking at the pixels' places")
+        found = patterns(pixel_map([p for run in opened for p in run.points()]))
+    places = worst_places(comparison.residuals, comparison.correlation)
+    bins = by_axis(comparison.residuals, comparison.correlation)
+    content = comparison_dict(comparison, found)
+    folder = results / "comparison"
+    folder.mkdir(exist_ok=True)
+    save_comparison(comparison, content, folder)
+    if as_json:
+        print_json(content)
+    else:
+        click.echo(head_line(comparison.runs, *size_of(opened), comparison.findings))
+        for line in (*comparison_lines(comparison, places, found), "", *axis_lines(bins)):
+            click.echo(line)
+    say(f"the model with its fitted numbers, and all residuals, are in {folder}")

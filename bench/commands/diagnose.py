@@ -1,0 +1,120 @@
+"""`evs-bench diagnose`: which physics a model of a run lacks."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bench.commands.common import (
+    effects_option,
+    json_option,
+    print_json,
+    results_folder,
+    results_option,
+    say,
+)
+from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, processes, size_of
+from bench.commands.evaluating import DIAGNOSIS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bench.diagnosis.by_axis import Place
+    from bench.diagnosis.comparison import ResidualsByStep
+    from bench.diagnosis.diagnosis import Diagnosis
+    from bench.diagnosis.result import Outcome
+
+__all__ = ["command"]
+
+
+@click.command(name="diagnose")
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
+@fit_options
+@click.option(
+    "--max-effects", type=click.IntRange(0), default=3, show_default=True, metavar="N",
+    help="Effects that are added at the most.",
+)  # fmt: skip
+@click.option("--interactive", "by_hand", is_flag=True, help="Ask after each step which effect is to be added.")
+@effects_option
+@results_option
+@json_option
+def command(
+    runs: tuple[Path, ...],
+    model_file: str | None,
+    seed: int,
+    workers: int,
+    max_effects: int,
+    by_hand: bool,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Say which effects a pixel model of RUN lacks, add them, and show how the error falls.
+
+    Several runs of one sensor are explained together. What is found is printed, and written to RUN/diagnosis: the
+    accepted model, tables of residuals, figures, and a page. `evs-bench report RUN` shows it too.
+
+    Example:  evs-bench diagnose my_run --max-effects 2
+    """
+    from bench.diagnosis.by_axis import first_places
+    from bench.diagnosis.comparison import residuals_by_step
+    from bench.diagnosis.diagnosis import Diagnosis
+    from bench.diagnosis.wording import head_line, lines_of
+    from bench.logs import LOG_FILE, log_into
+    from bench.report.diagnosis import PAGE
+
+    model = model_of(model_file)
+    opened = open_runs(runs)
+    results = results_folder(runs[0], out)
+    show: Callable[[str], None] = say if as_json else _print
+    folder = results / DIAGNOSIS
+    with log_into(results / LOG_FILE), Teller() as tell:
+        with Diagnosis(opened, model, seed=seed, tell=tell, workforce=processes(workers)) as diagnosis:
+            outcome = _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
+            residuals = residuals_by_step(diagnosis.problem, diagnosis.fits) if outcome.steps else {}
+        tell("drawing the figures")
+        _save(outcome, residuals, folder)
+    if as_json:
+        print_json(outcome.to_dict())
+    elif not by_hand:
+        show(head_line(outcome.runs, *size_of(opened), outcome.findings))
+        for line in lines_of(outcome, first_places(residuals)):
+            show(line)
+    say(f"model, tables and figures are in {folder}; open {folder / PAGE} in a browser")
+
+
+def _print(line: str) -> None:
+    click.echo(line)
+
+
+def _save(outcome: Outcome, residuals: ResidualsByStep, folder: Path) -> None:
+    """Write all files of a diagnosis."""
+    from bench.diagnosis.saving import save_outcome
+    from bench.report.diagnosis import write_diagnosis
+
+    folder.mkdir(exist_ok=True)
+    save_outcome(outcome, folder, residuals)
+    write_diagnosis(folder)
+
+
+def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None]) -> Outcome:
+    """Let a person pick the effects."""
+    from bench.diagnosis.by_axis import first_places
+    from bench.diagnosis.comparison import residuals_by_step
+    from bench.diagnosis.interactive import watch
+
+    def place(number: int) -> Place | None:
+        return first_places(residuals_by_step(diagnosis.problem, diagnosis.fits)).get(number)
+
+    def ask(question: str) -> str | None:
+        tell.rest()
+        click.echo(question, nl=False, err=True)
+        return sys.stdin.readline() or None
+
+    def show_at_rest(line: str) -> None:
+        tell.rest()
+        show(line)
+
+    return watch(diagnosis, ask, show_at_rest, place)

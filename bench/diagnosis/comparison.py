@@ -1,0 +1,165 @@
+"""A model laid beside a run: its numbers fitted, and every statistic measured and predicted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.fit import fit
+from bench.diagnosis.gate import findings_of
+from bench.diagnosis.judging import error_of, values_of, worst_of
+from bench.diagnosis.result import Step
+from bench.diagnosis.session import open_session
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from bench.compute import Workforce
+    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.residuals import Measured
+    from bench.diagnosis.views.base import Part
+    from bench.store import Run
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+    #: By the number of a step: residuals, and their (n, n) correlation where it is known.
+    ResidualsByStep = Mapping[int, tuple[Sequence["Residual"], Floats | None]]
+
+__all__ = ["Comparison", "Residual", "compare", "correlation_of", "residuals_by_step", "residuals_of"]
+
+#: Statistics with a larger standard error were not measured, or are not predicted.
+_KNOWN: Final = 1e5
+_ANSCOMBE: Final = 0.375
+
+
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """One statistic of one point, measured and predicted."""
+
+    view: str
+    part: Part
+    point: int
+    baseline_lux: float
+    log_contrast: float  #: of the test pulse; 0 for background
+    width_s: float  #: of the test pulse; NaN for background
+    nd_od: float
+    observed: float
+    predicted: float
+    sigma: float  #: standard error of the difference, about, in the unit of both
+    z: float  #: the difference in standard errors, on the scale on which they are even
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A fitted model beside a run."""
+
+    runs: tuple[str, ...]
+    findings: tuple[str, ...]  #: why the data are not fit to be judged; empty: they are
+    step: Step  #: without candidates
+    residuals: tuple[Residual, ...]
+    correlation: Floats = field(repr=False, compare=False)  #: (n, n) of the residuals, as the model expects it
+    model: PixelModel = field(compare=False)  #: fitted
+
+
+def compare(
+    runs: Sequence[Run], model: PixelModel | None = None, *, seed: int = 1, workforce: Workforce | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Comparison:  # fmt: skip
+    """Fit the free numbers of a model to runs of one sensor, and lay both side by side.
+
+    Parameters
+    ----------
+    model
+        None for the base pixel alone.
+    seed
+        Of the simulations; the same seed gives the same comparison.
+    workforce
+        Who simulates; None for this process.
+    tell
+        Called with what is being done.
+
+    Raises
+    ------
+    InputError
+        There are no points, the runs are of different sensors, or a window has too many pixels.
+    """
+    say = tell or (lambda _: None)
+    say("looking at the events")
+    with open_session(runs, model, workforce) as session:
+        problem = session.problem
+        say("fitting the model")
+        start = problem.start(session.model, by_eye=session.by_eye)
+        found = fit(problem, session.model, problem.slots_of(session.model), start, seed=seed)
+        effects = dict.fromkeys([*(s.free.owner for s in found.slots), *(e.id for e in found.model.effects)])
+        step = Step(
+            0, None, tuple(effects), error_of(problem, found), values_of(problem, found), (), worst_of(problem, found)
+        )
+        shown = residuals_of(problem, found)
+        mutual = correlation_of(problem, found)
+        return Comparison(session.ids, findings_of(problem), step, shown, mutual, found.model)
+
+
+def residuals_of(problem: Problem, one: Fit) -> tuple[Residual, ...]:
+    """Return all statistics that were measured and that the model predicts, point after point."""
+    of, z = problem.measured, one.z
+    sigma = _in_their_unit(of, one)
+    return tuple(
+        Residual(
+            view=of.labels[i].view,
+            part=of.labels[i].part,
+            point=of.labels[i].point,
+            baseline_lux=of.labels[i].baseline_lux,
+            log_contrast=of.labels[i].log_contrast,
+            width_s=of.labels[i].width_s,
+            nd_od=of.labels[i].nd_od,
+            observed=float(of.ratio[i]),
+            predicted=float(one.ratio[i]),
+            sigma=float(sigma[i]),
+            z=float(z[i]),
+            unit=of.labels[i].unit,
+        )
+        for i in _known(one)
+    )
+
+
+def residuals_by_step(problem: Problem, fits: Sequence[Fit]) -> ResidualsByStep:
+    """Return the residuals of the model of each step, and their correlation, by the number of the step."""
+    return {n: (residuals_of(problem, one), correlation_of(problem, one)) for n, one in enumerate(fits)}
+
+
+def _known(one: Fit) -> list[int]:
+    """Return the places of the statistics that say something."""
+    return np.flatnonzero(one.deviation < _KNOWN).tolist()
+
+
+def _in_their_unit(of: Measured, one: Fit) -> Floats:
+    """Return the standard errors in the unit of the label: shares and counts were transformed."""
+    sigma = np.asarray(one.deviation * math.sqrt(one.scale))
+    for i, label in enumerate(of.labels):
+        n, expected = of.bottom[i], float(np.nan_to_num(one.ratio[i]))
+        if label.kind == "share" and n > 0.0:
+            share = (expected * n + _ANSCOMBE) / (n + 2.0 * _ANSCOMBE)
+            sigma[i] *= math.sqrt(max(share * (1.0 - share), 0.0) / n)
+        elif label.kind == "count" and n > 0.0:
+            sigma[i] *= math.sqrt(max(expected * n, 0.0) + _ANSCOMBE) / n
+    return sigma
+
+
+def correlation_of(problem: Problem, one: Fit) -> Floats:
+    """Return the (n, n) correlation of the residuals of :func:`residuals_of`; points count as independent."""
+    full = np.eye(len(one.deviation))
+    for root, where in zip(one.roots, problem.measured.points, strict=True):
+        mix = np.linalg.pinv(root)
+        covariance = mix @ mix.T
+        scale = np.sqrt(np.where(np.diag(covariance) > 0.0, np.diag(covariance), 1.0))
+        full[where, where] = covariance / np.outer(scale, scale)
+    np.fill_diagonal(full, 1.0)
+    known = _known(one)
+    return np.asarray(full[np.ix_(known, known)])

@@ -1,0 +1,194 @@
+"""The diagnosis in a report: what was missing, the fall of the error, the residuals, the ranking, the numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis.quantities import number_text
+from bench.diagnosis.reading import BINS_FILE, JSON_FILE, read_bins, read_outcome
+from bench.diagnosis.wording import apart_line, p_text, remainder_text, significant, smallest, verdict_line
+from bench.report import captions
+from bench.report.figures import error_fall, misfit_map, ranking, residual_axes
+from bench.report.gallery import Picture
+from bench.report.results_table import Cell, Table
+from bench.report.wording import MISSING, capital
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from bench.diagnosis.by_axis import Bin
+    from bench.diagnosis.result import Candidate, Outcome
+    from bench.report.page import Shown
+
+__all__ = ["PAGE", "DiagnosisSection", "diagnosis_pictures", "diagnosis_section", "write_diagnosis"]
+
+PAGE: Final = "diagnosis.html"
+_FIGURES: Final = "figures"
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisSection:
+    """What a page says of a diagnosis."""
+
+    runs: tuple[str, ...]
+    verdict: str
+    notes: tuple[str, ...]  #: what is left over, what to measure next
+    steps: Table
+    parameters: Table
+    candidates: Table | None  #: of the last step: what is not significant
+    smallest: Table | None  #: what would have been seen, where nothing is missing
+    figures: tuple[Shown, ...]
+
+
+def diagnosis_section(folder: Path, figures: Path) -> DiagnosisSection | None:
+    """Return the section about the diagnosis in `folder`, or None where there is none.
+
+    Parameters
+    ----------
+    folder
+        Where `evs-bench diagnose` wrote its results.
+    figures
+        Where the figures are written; their names begin with ``diagnosis_``.
+
+    Raises
+    ------
+    InputError
+        The files cannot be read as a diagnosis.
+    """
+    if not (folder / JSON_FILE).exists():
+        return None
+    from bench.report.figures.style import house_style
+    from bench.report.write import show
+
+    outcome, bins = read_outcome(folder / JSON_FILE), read_bins(folder / BINS_FILE)
+    figures.mkdir(parents=True, exist_ok=True)
+    with house_style():
+        shown = tuple(show(picture, figures) for picture in diagnosis_pictures(outcome, bins))
+    return _section(outcome, shown)
+
+
+def write_diagnosis(folder: Path) -> Path:
+    """Write the page of the diagnosis in `folder`, and its figures, and return the path of the page.
+
+    Raises
+    ------
+    InputError
+        There is no diagnosis, or it cannot be read.
+    """
+    from bench.report.page import template
+    from protocols.errors import InputError
+
+    section = diagnosis_section(folder, folder / _FIGURES)
+    if section is None:
+        raise InputError(f"{folder}: has no {JSON_FILE}; expected what 'evs-bench diagnose' writes")
+    page = folder / PAGE
+    page.write_text(template(PAGE).render(diagnosis=section), encoding="utf-8", newline="\n")
+    return page
+
+
+def diagnosis_pictures(outcome: Outcome, bins: Mapping[int, Sequence[Bin]]) -> Iterator[Picture]:
+    """Yield the figures of a diagnosis that make sense, most important first."""
+    labels = {s.number: "start" if s.added is None else f"+ {s.added.replace('_', ' ')}" for s in outcome.steps}
+    known = {number: mine for number, mine in sorted(bins.items()) if number in labels}
+    fall = error_fall.prepare(outcome)
+    if fall is not None:
+        yield Picture(
+            "diagnosis_error", "The fall of the error", captions.error_fall(fall), lambda: error_fall.draw(fall)
+        )
+    along = residual_axes.prepare(known, labels)
+    if along is not None:
+        yield Picture(
+            "diagnosis_residuals", "Residuals against every axis", captions.residual_axes(along),
+            lambda: residual_axes.draw(along),
+        )  # fmt: skip
+    cells = misfit_map.prepare(known, labels)
+    if cells is not None:
+        yield Picture(
+            "diagnosis_map", "Which statistics disagree, and where", captions.misfit_map(cells),
+            lambda: misfit_map.draw(cells),
+        )  # fmt: skip
+    ranks = ranking.prepare(outcome)
+    if ranks is not None:
+        yield Picture(
+            "diagnosis_ranking", "Candidates at each step", captions.ranking(ranks), lambda: ranking.draw(ranks)
+        )
+
+
+def _section(outcome: Outcome, figures: tuple[Shown, ...]) -> DiagnosisSection:
+    apart = apart_line(outcome)
+    notes = [f"Left over: {remainder_text(r)}." for r in outcome.remainder]
+    notes += [f"{capital(apart)}."] if apart is not None else []
+    return DiagnosisSection(
+        runs=outcome.runs,
+        verdict=capital(verdict_line(outcome).removeprefix("verdict: ")),
+        notes=tuple(notes),
+        steps=_steps(outcome),
+        parameters=_parameters(outcome),
+        candidates=_candidates(outcome.steps[-1].candidates) if outcome.steps else None,
+        smallest=_smallest(outcome),
+        figures=figures,
+    )
+
+
+def _steps(outcome: Outcome) -> Table:
+    heads = (
+        ("step", ""), ("model", ""), ("error", "deviance per dof"), ("on unseen points", "deviance per dof"),
+        ("response", "rms"),
+    )  # fmt: skip
+    rows = []
+    for step in outcome.steps:
+        what = ", ".join(_words(step.effects)) if step.added is None else f"+ {_word(step.added)}"
+        error = step.error
+        cells = (significant(error.deviance_per_dof), significant(error.heldout_deviance_per_dof))
+        rows.append(tuple(Cell(t) for t in (f"{step.number}", what, *cells, f"{error.response_rmse:.3f}")))
+    return Table(heads, tuple(rows), 2)
+
+
+def _parameters(outcome: Outcome) -> Table:
+    """Return the fitted numbers: a row for each, a column for each step."""
+    keys = list(dict.fromkeys(k for s in outcome.steps for k in s.parameters))
+    heads = (("number", ""), *((f"step {s.number}", "" if s.added is None else f"+ {_word(s.added)}")
+                               for s in outcome.steps))  # fmt: skip
+    rows = []
+    for key in keys:
+        cells = []
+        for step in outcome.steps:
+            value = step.parameters.get(key)
+            text, _, interval = ("", "", "") if value is None else number_text(value).partition(" (")
+            cells.append(Cell(text or MISSING, interval.removesuffix(")")))
+        rows.append((Cell(_word(key.replace(".", ": "))), *cells))
+    return Table(heads, tuple(rows), 1)
+
+
+def _candidates(candidates: Sequence[Candidate]) -> Table | None:
+    shown = [c for c in candidates if c.screen_drop > 0.0]
+    if not shown:
+        return None
+    heads = (("candidate", ""), ("expected fall", "deviance"), ("after a refit", "deviance"), ("p", ""))
+    rows = [
+        (
+            Cell(_word(c.effect)),
+            Cell(f"{c.screen_drop:.1f}"),
+            Cell(MISSING if c.refit_drop is None else f"{c.refit_drop:.1f}"),
+            Cell(p_text(c.p_value)),
+        )
+        for c in shown
+    ]
+    return Table(heads, tuple(rows), 1)
+
+
+def _smallest(outcome: Outcome) -> Table | None:
+    if outcome.verdict != "nothing_missing":
+        return None
+    rows = tuple((Cell(_word(effect)), Cell(size)) for effect, size in smallest(outcome))
+    return Table((("effect", ""), ("would have been seen from", "")), rows, 1) if rows else None
+
+
+def _word(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _words(names: Sequence[str]) -> list[str]:
+    return [_word(n) for n in names if n != "alignment"]

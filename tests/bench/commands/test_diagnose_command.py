@@ -1,0 +1,178 @@
+"""`evs-bench diagnose`: what goes to stdout, to stderr, and into files. A stub stands for the diagnosis itself."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import pytest
+from click.testing import CliRunner
+
+from bench import cli
+from bench.commands.diagnose import command
+from sim_backend.pixel import read_model_file
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from bench.diagnosis.result import Outcome, Step
+
+PROTOCOL = """\
+format: evs-bench-protocol/1
+title: dark
+roi: {x: 10, y: 20, width: 3, height: 2}
+measurements:
+  - name: dark
+    stimulus: {kind: constant, duration_s: 0.1}
+    sweep: {illuminance_lux: [100]}
+"""
+
+
+class Stub:
+    """Stands for the stepwise diagnosis; it finds what `found` says."""
+
+    found: ClassVar[Any]
+    asked: ClassVar[dict[str, Any]]
+
+    def __init__(self, runs: Any, model: Any, **options: Any) -> None:
+        type(self).asked = {"runs": runs, "model": model, **options}
+        options["tell"]("fitting the model")
+        self.findings = self.found.findings
+        self.problem, self.fits = None, ()
+        self._steps: tuple[Step, ...] = self.found.steps[:1]
+
+    def __enter__(self) -> Stub:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        return self._steps
+
+    @property
+    def proposal(self) -> str | None:
+        return "dark_current" if len(self._steps) == 1 else None
+
+    def add(self, effect_id: str) -> Step:
+        self._steps = (*self._steps, replace(self.found.steps[1], added=effect_id))
+        return self._steps[-1]
+
+    def undo(self) -> Step:
+        self._steps = self._steps[:-1]
+        return self._steps[-1]
+
+    def run(self, most: int) -> Outcome:
+        type(self).asked["most"] = most
+        return self.found  # type: ignore[no-any-return]
+
+    def outcome(self) -> Outcome:
+        missing = tuple(s.added for s in self._steps if s.added is not None)
+        return replace(self.found, steps=self._steps, missing=missing)  # type: ignore[no-any-return]
+
+
+@pytest.fixture(name="folder", scope="module")
+def small_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("diagnose")
+    (folder / "dark.yaml").write_text(PROTOCOL)
+    assert cli.run(["run", str(folder / "dark.yaml"), "--out", str(folder / "run")]) == 0
+    return folder / "run"
+
+
+@pytest.fixture(name="diagnose")
+def diagnose_command(
+    folder: Path, tmp_path: Path, explained: Outcome, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Any]:
+    """Run the command on a small run, with a stub; the results go to a folder of their own."""
+    Stub.found = explained
+    monkeypatch.setattr("bench.diagnosis.diagnosis.Diagnosis", Stub)
+    monkeypatch.setattr("bench.report.diagnosis.diagnosis_pictures", lambda *_: ())
+
+    def run(*arguments: str, **options: Any) -> Any:
+        done = CliRunner().invoke(command, [str(folder), "--out", str(tmp_path), *arguments], **options)
+        if done.exception is not None and not isinstance(done.exception, SystemExit):
+            raise done.exception
+        return done
+
+    return run
+
+
+def test_the_result_goes_to_stdout_and_what_is_being_done_to_stderr(
+    diagnose: Callable[..., Any], tmp_path: Path, explained: Outcome
+) -> None:
+    done = diagnose("--max-effects", "2", "--seed", "7", "--workers", "1")
+    lines = done.stdout.splitlines()
+    assert lines[0] == "run 2026-11-20-on-family   1 point, 6 pixels, fit to judge"
+    assert lines[1].startswith("step 0  thresholds")
+    assert lines[-1].startswith("to tell the two apart")
+    assert "fitting the model" in done.stderr
+    assert (Stub.asked["most"], Stub.asked["seed"], Stub.asked["model"]) == (2, 7, None)
+    assert {p.name for p in (tmp_path / "diagnosis").iterdir()} == {
+        "diagnosis.json", "model.yaml", "diagnosis.html", "figures",
+    }  # fmt: skip
+    assert read_model_file(tmp_path / "diagnosis/model.yaml") == explained.model
+
+
+def test_json_is_all_of_stdout_and_the_same_as_the_file(diagnose: Callable[..., Any], tmp_path: Path) -> None:
+    told = json.loads(diagnose("--json").stdout)
+    assert told["format"] == "evs-bench-diagnosis/1"
+    assert told["missing"] == ["dark_current"]
+    assert told == json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())
+
+
+def test_by_hand_the_picked_effects_are_what_is_written(diagnose: Callable[..., Any], tmp_path: Path) -> None:
+    done = diagnose("--interactive", input="leek\n\nu\nstray_light\nq\n")
+    assert "leek: no such effect; did you mean leak?" in done.stdout
+    assert "ENTER adds dark_current" in done.stderr
+    written = json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())
+    assert written["missing"] == ["stray_light"]
+    assert [s["added"] for s in written["steps"]] == [None, "stray_light"]
+
+
+def test_by_hand_with_json_keeps_the_tables_off_stdout(diagnose: Callable[..., Any]) -> None:
+    done = diagnose("--interactive", "--json", input="\n")  # and then nobody answers any more
+    assert json.loads(done.stdout)["missing"] == ["dark_current"]
+    assert "step 1  + dark_current" in done.stderr
+
+
+def test_the_model_to_start_from_is_read_from_its_file(
+    diagnose: Callable[..., Any], tmp_path: Path, explained: Outcome
+) -> None:
+    diagnose()
+    diagnose("--model", str(tmp_path / "diagnosis/model.yaml"))
+    assert Stub.asked["model"] == explained.model
+
+
+def test_data_that_are_not_fit_have_a_verdict_and_no_steps(diagnose: Callable[..., Any], explained: Outcome) -> None:
+    Stub.found = replace(
+        explained, findings=("too few events",), verdict="data_not_fit_to_judge", steps=(), missing=(),
+        next_measurement=None, model=None,
+    )  # fmt: skip
+    done = diagnose()
+    assert "not fit to judge" in done.stdout
+    assert done.stdout.endswith("verdict: the data are not fit to be judged: too few events\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["no_such_run"], "no_such_run"),
+        ([], "Missing argument"),
+        (["RUN", "--model", "no_model.yaml"], "no_model.yaml"),
+        (["RUN", "--effects", "no_effects.py"], "no_effects.py"),
+    ],
+)
+@pytest.mark.parametrize("name", ["compare", "diagnose"])
+def test_bad_input_is_one_line(
+    name: str, arguments: list[str], complaint: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert cli.run([name, *(str(folder) if a == "RUN" else a for a in arguments)]) == 1
+    out, err = capfd.readouterr()
+    assert (out, len(err.splitlines())) == ("", 1), err
+    assert complaint in err
+    assert list(tmp_path.iterdir()) == []

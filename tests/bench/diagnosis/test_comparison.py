@@ -1,0 +1,85 @@
+"""A model laid beside a run: numbers, residuals, and what is said of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.by_axis import by_axis
+from bench.diagnosis.comparison import Comparison, compare
+from bench.diagnosis.position import patterns, pixel_map
+from bench.diagnosis.saving import comparison_dict, save_comparison
+from bench.diagnosis.wording import comparison_lines
+from sim_backend.pixel import PixelModel, read_model_file
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
+
+
+@pytest.fixture(scope="module", name="told")
+def what_is_told() -> list[str]:
+    return []
+
+
+@pytest.fixture(scope="module", name="comparison")
+def compared(make: tuple[Callable[..., Any], Callable[..., Any]], told: list[str]) -> Comparison:
+    """A small run of the base pixel itself, compared with it."""
+    point, run_of = make
+    points = [point(i, c, lux) for i, (c, lux) in enumerate(((0.3, 10.0), (0.6, 10.0), (0.3, 100.0), (0.6, 100.0)))]
+    return compare([run_of([*points, point(4, 0.0)], PIXEL, 3)], PIXEL, seed=4, tell=told.append)
+
+
+def test_the_true_model_is_not_far_off(comparison: Comparison, told: list[str]) -> None:
+    assert told == ["looking at the events", "fitting the model"]
+    z = np.array([r.z for r in comparison.residuals])
+    # Some 80 statistics, of which those of a point depend on each other; five numbers were fitted.
+    assert 40 < z.size < 150
+    assert 0.3 < np.mean(z**2) < 2.0
+    assert comparison.step.error.response_rmse < 0.1
+    assert comparison.findings == ()
+
+
+def test_what_was_measured_is_in_the_residuals_with_its_error(comparison: Comparison) -> None:
+    responses = [r for r in comparison.residuals if r.view == "response"]
+    assert {(r.part, r.baseline_lux, r.log_contrast) for r in responses} == {
+        (part, lux, c) for part in ("on", "off") for lux in (10.0, 100.0) for c in (0.3, 0.6)
+    }  # fmt: skip
+    for one in responses:
+        # 64 pixels of 10 pulses: no better than half of one in 640, no worse than if the pulses of a pixel were one
+        assert 7e-4 < one.sigma < 0.12
+        if 0.1 < one.predicted < 0.9:
+            assert (one.observed - one.predicted) / one.sigma == pytest.approx(one.z, abs=0.2 + 0.2 * abs(one.z))
+
+
+def test_correlations_are_of_points_and_make_means_less_sharp(comparison: Comparison) -> None:
+    mutual = comparison.correlation
+    point = np.array([r.point for r in comparison.residuals])
+    assert mutual.shape == (point.size, point.size)
+    assert np.allclose(np.diag(mutual), 1.0)
+    assert np.abs(mutual[point[:, None] != point[None, :]]).max() == 0.0
+    assert np.linalg.eigvalsh(mutual).min() > -1e-9
+    (everywhere, *_) = by_axis(comparison.residuals, mutual)
+    assert everywhere.square_sd > np.sqrt(2.0 / point.size)
+
+
+def test_a_comparison_goes_into_files_and_words(comparison: Comparison, tmp_path: Path) -> None:
+    content = comparison_dict(comparison, ())
+    save_comparison(comparison, content, tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"comparison.json", "model.yaml", "residuals.csv", "by_axis.csv"}
+    assert read_model_file(tmp_path / "model.yaml") == comparison.model
+    assert len(content["residuals"]) == len(comparison.residuals)
+    text = "\n".join(comparison_lines(comparison, (), ()))
+    assert text.startswith("thresholds, noise floor, source follower bandwidth, refractory period   error ")
+    assert "no statistic is off by more than chance" in text
+    assert "        thresholds.on " in text
+
+
+def test_patterns_of_a_simulated_sensor_are_chance(make: tuple[Callable[..., Any], Callable[..., Any]]) -> None:
+    point, run_of = make
+    found = patterns(pixel_map(list(run_of([point(0, 0.3), point(1, 0.27)], PIXEL, 5).points())))
+    assert max(abs(p.z) for p in found) < 4.0

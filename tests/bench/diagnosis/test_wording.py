@@ -1,0 +1,140 @@
+"""A diagnosis as it reads at a terminal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bench.diagnosis.axis_wording import axis_lines
+from bench.diagnosis.by_axis import Change, by_axis, worst_places
+from bench.diagnosis.quantities import number_text, quantity
+from bench.diagnosis.result import Outcome, Remainder, Value
+from bench.diagnosis.wording import (
+    apart_line,
+    change_text,
+    fall_line,
+    head_line,
+    lines_of,
+    place_text,
+    step_lines,
+    verdict_line,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bench.diagnosis.comparison import Residual
+
+
+def test_a_whole_diagnosis_reads_like_the_table_that_was_asked_for(explained: Outcome) -> None:
+    text = "\n".join(lines_of(explained))
+    assert "step 0  thresholds, noise floor, source follower bandwidth, refractory period" in text
+    assert "error 41.7" in text
+    assert "floor 1.00" in text
+    assert "fails most: ON response at 80 mlux, contrast 0.45: measured 0.11, model 0.97 (-88 sigma)" in text
+    # 5.52 fA over 42.4 fA/lux times 0.6 are 217 mlux
+    assert "step 1  + dark_current 5.52 fA (5.41 to 5.63), dark light 217 mlux" in text
+    assert "1800.0   < 0.001   cannot be told from stray_light here" in text
+    assert (
+        "verdict: one effect was missing, dark_current (or stray_light). The error fell from 41.7 to 1.06; "
+        "nothing else is significant." in text
+    )
+    assert "alignment" not in text
+    assert "leak                0.0" not in text  # what would not lower the error is no row
+    assert all(len(line) < 200 for line in text.splitlines())
+
+
+def test_what_tells_tied_effects_apart_is_told_with_its_time(explained: Outcome) -> None:
+    line = "to tell the two apart (dark_current from stray_light): on_family, 12 minutes, separation 19 sigma"
+    assert apart_line(explained) == line
+    assert apart_line(replace(explained, next_measurement=None)) is None
+
+
+def test_nothing_missing_says_what_would_have_been_seen(nothing_missing: Outcome) -> None:
+    text = "\n".join(lines_of(nothing_missing))
+    assert "verdict: nothing is missing. The error is 1.02" in text
+    assert "smallest size that would have been seen:\n        leak  0.021 ln/s (rate_per_s)" in text
+    assert text.endswith("or not told from which size on: shot_noise")
+
+
+def test_every_verdict_is_one_sentence(explained: Outcome) -> None:
+    bad = replace(explained, verdict="data_not_fit_to_judge", findings=("point 3: 12 gaps", "saturated"))
+    assert verdict_line(bad) == "verdict: the data are not fit to be judged: point 3: 12 gaps; saturated"
+    part = replace(explained, verdict="unexplained", remainder=(Remainder("time", "second half", 0.03, 6.1),))
+    assert "unexplained. With dark_current (or stray_light) the error fell from 41.7 to 1.06, but" in verdict_line(
+        part
+    )
+    assert "        left over: second half, along time: 0.03 (+6.1 sigma)" in lines_of(part)
+    none = replace(explained, verdict="unexplained", missing=(), steps=explained.steps[:1])
+    assert verdict_line(none) == "verdict: unexplained. No known effect explains the error of 41.7."
+    two = replace(explained, missing=("dark_current", "leak"))
+    assert "2 effects were missing, dark_current (or stray_light) and leak." in verdict_line(two)
+
+
+def test_a_diagnosis_without_steps_has_a_verdict_still(explained: Outcome) -> None:
+    bad = replace(
+        explained, verdict="data_not_fit_to_judge", findings=("saturated",), steps=(), next_measurement=None
+    )
+    assert list(lines_of(bad)) == ["verdict: the data are not fit to be judged: saturated"]
+
+
+def test_the_head_says_whether_the_data_can_be_judged() -> None:
+    assert head_line(["a"], 50, 256, ()) == "run a   50 points, 256 pixels, fit to judge"
+    assert head_line(["a", "b"], 1, 256, ("gaps",)) == "runs a, b   1 point, 256 pixels, not fit to judge"
+
+
+def test_where_a_model_fails_is_told_with_how_it_changes(
+    residuals_of: Callable[[float], tuple[Residual, ...]],
+) -> None:
+    (first, *_) = worst_places(residuals_of(88.0))
+    assert place_text(first).startswith("ON response at 80 mlux, contrast 0.3: measured 0.11, model 0.97 (-88 sigma)")
+    assert place_text(first).endswith("; grows as the light falls, flat from 10 lux on")
+    latency = next(p for p in worst_places(residuals_of(88.0)) if p.worst.view == "latency")
+    assert "measured 2.48 ms, model 1.5 ms" in place_text(latency)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (Change("contrast", "grows", 0.8, None, 0.2), "grows with the contrast, flat up to a contrast of 0.2"),
+        (Change("pulse width", "falls", 0.01, 0.1, None), "grows as the pulses get shorter, flat from 100 ms on"),
+        (Change("illuminance", "peaks", 3.0, 10.0, 0.1), "largest at 3 lux"),
+        (Change("order", "grows", 40.0, None, None), "grows during the run"),
+    ],
+)
+def test_changes_along_an_axis_are_words(change: Change, text: str) -> None:
+    assert change_text(change) == text
+
+
+def test_no_statistic_is_called_failing_that_chance_takes_as_far(explained: Outcome) -> None:
+    step = explained.steps[0]
+    near = replace(step, worst=(replace(step.worst[0], z=-2.9),))
+    assert not any("fails most" in line for line in step_lines(near))
+
+
+def test_numbers_have_the_digits_that_their_interval_deserves() -> None:
+    assert number_text(Value(8.123e-3, 8.01e-3, 8.24e-3, "s")) == "8.12 ms (8.01 to 8.24)"
+    assert number_text(Value(0.30991, 0.308, 0.312, "ln")) == "0.3099 ln (0.3080 to 0.3120)"
+    assert number_text(Value(0.25, 0.1, 0.4, "1")) == "0.25 (0.10 to 0.40)"
+    assert number_text(Value(12.0, 9.0, float("inf"), "Hz/fA")).endswith("to no limit)")
+    assert quantity(0.08, "lx") == "80 mlux"
+    assert quantity(2.5e-5, "s") == "25 us"
+
+
+def test_the_fall_of_a_step_is_told(explained: Outcome) -> None:
+    line = fall_line(*explained.steps)
+    assert line.strip() == "the error went from 41.7 to 1.06, on unseen points from 42.5 to 1.08"
+
+
+def test_every_view_and_every_axis_that_was_varied_has_its_table(
+    residuals_of: Callable[[float], tuple[Residual, ...]],
+) -> None:
+    lines = list(axis_lines(by_axis(residuals_of(88.0))))
+    heads = [line.split("  ")[0] for line in lines if "statistics" in line]
+    assert heads == ["view", "illuminance on chip", "log contrast", "polarity", "points in their order"]
+    dark = next(line for line in lines if line.startswith("80 mlux"))
+    bright = next(line for line in lines if line.startswith("100 lux"))
+    assert "*" in dark
+    assert "*" not in bright
