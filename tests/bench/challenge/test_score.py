@@ -13,7 +13,7 @@ from bench.challenge.folder import make_challenge, read_truth
 from bench.challenge.score import read_diagnosis, score
 from bench.challenge.truth import Truth
 from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.result import Diagnosis, Error, Step, Value
+from bench.diagnosis.result import Error, Outcome, Step, Value
 from bench.station.bias_map import BiasCurve, BiasMap
 from protocols.errors import InputError
 from sim_backend.pixel.effects import effects
@@ -44,7 +44,7 @@ def diagnosis(*missing: str, ties: dict[str, tuple[str, ...]] | None = None, **t
     values = {key.replace("__", "."): Value((low + high) / 2, low, high, "") for key, (low, high) in told.items()}
     error = Error(1.0, 0.0, 1.0)
     steps = tuple(Step(k, None, (), error, values if k else {}, (), ()) for k in (0, 1))
-    return Diagnosis(("run",), (), steps, "explained", missing, ties or {}).to_dict()
+    return Outcome(("run",), (), steps, "explained", missing, ties or {}).to_dict()
 
 
 @pytest.mark.parametrize(

@@ -34,11 +34,11 @@ def fitted(residual: npt.NDArray[np.float64]) -> Fit:
 PROBLEM = cast("Any", SimpleNamespace(measured=SimpleNamespace(points=(slice(0, N),))))
 
 
-def probe_along(effect_id: str, *directions: npt.NDArray[np.float64]) -> Probe:
-    """Return a probe that moves the statistics along these directions, alike in both sensors."""
+def probe_along(effect_id: str, *directions: npt.NDArray[np.float64]) -> list[Probe]:
+    """Return a probe of one size that moves the statistics along these directions, alike in both sensors."""
     effect = effects()[effect_id]
     change = np.stack(directions, axis=1)
-    return Probe(effect, switches(effect), (1.0,) * len(directions), np.stack([change, change]))
+    return [Probe(effect, switches(effect), (1.0,) * len(directions), np.stack([change, change]))]
 
 
 LEAK, DARK, DRIFT = (10.0 * d / np.linalg.norm(d) for d in RNG.standard_normal((3, N)))
@@ -46,15 +46,16 @@ LEAK, DARK, DRIFT = (10.0 * d / np.linalg.norm(d) for d in RNG.standard_normal((
 
 def test_the_effect_that_is_there_is_found_with_its_size() -> None:
     chance = RNG.standard_normal(N)
-    fit = fitted(0.8 * LEAK + BASE @ np.array([3.0, -2.0]) + chance)
+    fit = fitted(0.8 * LEAK + BASE @ np.array([0.2, -0.1]) + chance)
     scores = score(PROBLEM, fit, [probe_along("dark_current", DARK), probe_along("leak", LEAK)], seed=1)
     assert np.argmax(scores.drop) == 1
     # By hand: regression on the two free numbers and the direction.
     design = np.column_stack([BASE, LEAK])
     found, rest, *_ = np.linalg.lstsq(design, fit.residual, rcond=None)
     without = np.linalg.lstsq(BASE, fit.residual, rcond=None)[1]
-    assert scores.drop[1] == pytest.approx(float(without[0] - rest[0]))
-    assert scores.size[1][0] == pytest.approx(found[2])
+    # Large residuals count less than their squares, by up to a tenth at two and a half standard errors.
+    assert scores.drop[1] == pytest.approx(float(without[0] - rest[0]), rel=0.1)
+    assert scores.size[1][0] == pytest.approx(found[2], rel=0.05)
     assert scores.p_best[1] < 1e-3
 
 
@@ -68,9 +69,9 @@ def test_an_effect_of_the_wrong_sign_explains_nothing() -> None:
 
 
 def test_what_the_free_numbers_can_do_is_no_effect() -> None:
-    scores = score(PROBLEM, fitted(5.0 * BASE[:, 0]), [probe_along("leak", 3.0 * BASE[:, 0])], seed=1)
+    scores = score(PROBLEM, fitted(0.2 * BASE[:, 0]), [probe_along("leak", 3.0 * BASE[:, 0])], seed=1)
     assert scores.seen[0] < 1e-6
-    assert scores.drop[0] == 0.0
+    assert scores.drop[0] < 0.1  # what a loose prior of the free numbers leaves
 
 
 def test_the_best_of_many_is_judged_among_many() -> None:

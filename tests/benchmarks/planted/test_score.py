@@ -17,8 +17,13 @@ def truth(*planted: str, left_out: tuple[str, ...] = ()) -> dict[str, Any]:
     return {"model": {**MODEL, "effects": effects}, "left_out": list(left_out)}
 
 
-def diagnosis(*missing: str, verdict: str = "explained", ties: dict[str, list[str]] | None = None,
-              errors: tuple[float | None, ...] = (40.0, 1.02), parameters: dict[str, Any] | None = None) -> Any:  # fmt: skip
+def diagnosis(
+    *missing: str,
+    verdict: str = "explained",
+    ties: dict[str, list[str]] | None = None,
+    errors: tuple[float | None, ...] = (40.0, 1.02),
+    parameters: dict[str, Any] | None = None,
+) -> Any:
     steps = [
         {
             "error": {"deviance_per_dof": e, "heldout_deviance_per_dof": None if e is None else e + 0.1},
@@ -90,7 +95,12 @@ def test_intervals_that_contain_the_truth() -> None:
 
 @pytest.mark.parametrize(
     ("errors", "at_floor", "falls"),
-    [((40.0, 1.1), True, True), ((40.0, 1.11), False, True), ((1.0, 1.05), True, False), ((40.0, None), False, False)],
+    [
+        ((40.0, 1.1), True, True),
+        ((40.0, 1.11), False, True),
+        ((1.0, 1.05), True, False),
+        ((40.0, None), False, False),
+    ],
 )
 def test_the_fall_of_the_error(errors: tuple[float | None, ...], at_floor: bool, falls: bool) -> None:
     found: Score = score(truth("leak"), diagnosis("leak", errors=errors))
