@@ -75,6 +75,8 @@ class Fit:
     jacobian: Floats  #: (2, n, k) change of the expected values by coordinate, from two sensors
     scale: float  #: mean square of the residuals of a run of the model itself
     residual: Floats  #: (n,) measured less expected, transformed
+    common: float = 1.0
+    """Variance of what several points have in common, beside that of each: they were simulated as one."""
 
     @property
     def z(self) -> Floats:
@@ -197,6 +199,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
         jacobian=jacobian,
         scale=_scale(simulated),
         residual=problem.measured.value - value,
+        common=(1.0 + problem.alike(problem.models(model, slots, last)) / here.recordings) / here.more,
     )
 
 

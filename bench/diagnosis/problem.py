@@ -105,7 +105,11 @@ class Problem:
 
     def cost(self, models: Sequence[PixelModel]) -> float:
         """Return the time of a simulated run beside that of a base pixel to which all points are different."""
-        return cost_of(models[0]) * len(set(representatives(self.points, models))) / max(len(models), 1)
+        return cost_of(models[0]) / self.alike(models)
+
+    def alike(self, models: Sequence[PixelModel]) -> float:
+        """Return how many points of the run are simulated as one, on average."""
+        return len(models) / max(len(set(representatives(self.points, models))), 1)
 
     def simulate(self, models: Sequence[Sequence[PixelModel]], seed: int, effort: float) -> list[list[Sensor]]:
         """Return what simulated sensors of each model show: two or more, of as many pixels as the effort allows.

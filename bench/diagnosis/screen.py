@@ -135,6 +135,7 @@ def score(problem: Problem, fit: Fit, probes: Sequence[Sequence[Probe]], seed: i
     rest = _beyond(fit, problem, residual[:, None])[:, 0]
     spans = [[_beyond(fit, problem, one.change[s]) for s in range(2)] for one in chosen]
     means = [0.5 * (a + b) for a, b in spans]
+    rest /= math.sqrt(fit.common)
     ps = np.array([_score(one, mean, mean.T @ rest) for one, mean in zip(chosen, means, strict=True)])
     return Scores(
         probes=tuple(chosen),
@@ -163,8 +164,9 @@ def _explain(problem: Problem, fit: Fit, residual: Floats, one: Probe | None) ->
         lowest = np.append(lowest, np.where(signed, -_BEYOND, 0.0))
         highest = np.append(highest, np.full(m, _BEYOND))
         precision, towards = np.append(precision, np.zeros(m)), np.append(towards, np.zeros(m))
-    mean, noise = 0.5 * (halves[0] + halves[1]), 0.5 * (halves[0] - halves[1])
-    c, fall = robust.solve(mean, noise, residual, precision, towards, lowest, highest)
+    # Chance stays in the columns: less is explained than could be, never more.
+    mean = 0.5 * (halves[0] + halves[1])
+    c, fall = robust.solve(mean, np.zeros_like(mean), residual, precision, towards, lowest, highest)
     at = np.array(one.at if one is not None else ())
     return c[:k], c[k:] * at, fall
 
