@@ -90,7 +90,12 @@ def test_intervals_that_contain_the_truth() -> None:
 
 @pytest.mark.parametrize(
     ("errors", "at_floor", "falls"),
-    [((40.0, 1.1), True, True), ((40.0, 1.11), False, True), ((1.0, 1.05), True, False), ((40.0, None), False, False)],
+    [
+        ((40.0, 1.1), True, True),
+        ((40.0, 1.11), False, True),
+        ((1.0, 1.05), True, False),
+        ((40.0, None), False, False),
+    ],
 )
 def test_the_fall_of_the_error(errors: tuple[float | None, ...], at_floor: bool, falls: bool) -> None:
     found: Score = score(truth("leak"), diagnosis("leak", errors=errors))
