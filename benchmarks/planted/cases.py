@@ -46,7 +46,8 @@ _GROSS_TO: Final = 1.5
 
 #: Size of each effect at the catalogue's probe, in standard errors, in the runs of this study (median of pixels).
 _AT_PROBE: Final[dict[str, float]] = {
-    "comparator_delay": 230.0, "crosstalk": 620.0, "dark_current": 1250.0, "event_rate_limit": 400.0, "high_pass": 200.0,
+    "comparator_delay": 230.0, "crosstalk": 620.0, "dark_current": 1250.0, "event_rate_limit": 400.0,
+    "high_pass": 200.0,
     "hot_pixels": 60.0, "leak": 80.0, "light_drift": 320.0, "light_flicker": 120.0, "light_rise_time": 5000.0,
     "low_frequency_noise": 15.0, "nd_error": 60.0, "parasitic_photocurrent": 190.0, "photoreceptor_bandwidth": 5000.0,
     "readout_saturation": 50.0, "refractory_mismatch": 170.0, "reset_noise": 100.0, "shot_noise": 2000.0,
