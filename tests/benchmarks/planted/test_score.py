@@ -17,8 +17,13 @@ def truth(*planted: str, left_out: tuple[str, ...] = ()) -> dict[str, Any]:
     return {"model": {**MODEL, "effects": effects}, "left_out": list(left_out)}
 
 
-def diagnosis(*missing: str, verdict: str = "explained", ties: dict[str, list[str]] | None = None,
-              errors: tuple[float | None, ...] = (40.0, 1.02), parameters: dict[str, Any] | None = None) -> Any:  # fmt: skip
+def diagnosis(
+    *missing: str,
+    verdict: str = "explained",
+    ties: dict[str, list[str]] | None = None,
+    errors: tuple[float | None, ...] = (40.0, 1.02),
+    parameters: dict[str, Any] | None = None,
+) -> Any:
     steps = [
         {
             "error": {"deviance_per_dof": e, "heldout_deviance_per_dof": None if e is None else e + 0.1},
