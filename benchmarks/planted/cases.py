@@ -36,14 +36,25 @@ _NOT_ALONE: Final = frozenset({"nd_error"})
 #: The same at the pixel: two of them in one run are one effect.
 _ALIKE: Final = (frozenset({"dark_current", "stray_light"}), frozenset({"leak", "light_drift"}))
 
-#: Sizes that are aimed at, in standard errors: from invisible to gross; of several at once each is to be seen.
+#: Sizes that are aimed at, in standard errors: from invisible to well seen; of several at once each is to be seen.
 _SIZES: Final[dict[Kind, tuple[float, float]]] = {
-    "single": (0.7, 100.0), "several": (6.0, 60.0), "outside": (4.0, 100.0),
+    "single": (0.7, 100.0), "several": (8.0, 80.0), "outside": (4.0, 100.0),
 }  # fmt: skip
+#: In every second case effects are gross instead: up to so many times the catalogue's probe.
+_GROSS_FROM: Final = 30.0
+_GROSS_TO: Final = 1.5
 
 #: Size of each effect at the catalogue's probe, in standard errors, in the runs of this study (median of pixels).
-_AT_PROBE: Final[dict[str, float]] = {}
-_USUAL: Final = 15.0
+_AT_PROBE: Final[dict[str, float]] = {
+    "comparator_delay": 230.0, "crosstalk": 620.0, "dark_current": 1250.0, "event_rate_limit": 400.0,
+    "high_pass": 200.0,
+    "hot_pixels": 60.0, "leak": 80.0, "light_drift": 320.0, "light_flicker": 120.0, "light_rise_time": 5000.0,
+    "low_frequency_noise": 15.0, "nd_error": 60.0, "parasitic_photocurrent": 190.0, "photoreceptor_bandwidth": 5000.0,
+    "readout_saturation": 50.0, "refractory_mismatch": 170.0, "reset_noise": 100.0, "shot_noise": 2000.0,
+    "stray_light": 400.0, "threshold_mismatch": 35.0, "timestamp_jitter": 3000.0, "trail_filter": 10.0,
+    "light_dead_time": 60.0, "rebound": 380.0, "gain_drift": 300.0,
+}  # fmt: skip
+_USUAL: Final = 50.0
 #: Where size does not go with the first number of the catalogue: the number that it goes with, and a value.
 _ACTS: Final[dict[str, tuple[str, float]]] = {"hot_pixels": ("rate_hz", 1.0)}
 #: What an effect of this study never exceeds, where the catalogue's highest is no pixel that anybody would measure.
@@ -157,7 +168,7 @@ def dozen() -> list[Case]:
     usual = PixelModel(theta_on=0.32, theta_off=0.26, noise_rms=0.042, corner_hz=150.0, refractory_s=4e-3)
     other = PixelModel(theta_on=0.24, theta_off=0.3, noise_rms=0.03, corner_hz=300.0, refractory_s=2e-3)
     found = []
-    for number, planted in enumerate(_GROSS):
+    for number, planted in enumerate(_DOZEN):
         model = usual if number % 2 else other
         for effect_id, values in planted.items():
             model = model + effect_from_dict(effect_id, values)
@@ -168,7 +179,7 @@ def dozen() -> list[Case]:
     return found
 
 
-_GROSS: Final[tuple[dict[str, dict[str, float]], ...]] = (
+_DOZEN: Final[tuple[dict[str, dict[str, float]], ...]] = (
     {},
     {"dark_current": {"mean_fa": 6.0}},
     {"leak": {"rate_per_s": 0.1}},
@@ -190,7 +201,7 @@ def _case(kind: Kind, number: int, seed: int) -> Case:
     model = _base(rng)
     left_out: tuple[str, ...] = ()
     for one in _chosen(kind, number, rng):
-        model = model + _sized(one, _log_uniform(rng, *_SIZES[kind]), rng)
+        model = model + _sized(one, _aim(kind, one, rng), rng)
         left_out = (one,) if kind == "outside" else ()
     plan = _PLANS[int(rng.integers(len(_PLANS)))]
     turn = number // _EVERY
@@ -200,6 +211,15 @@ def _case(kind: Kind, number: int, seed: int) -> Case:
     return Case(
         kind, number, int(own.generate_state(1)[0]), model, left_out, reference, step if reference else _STEP_S, plan
     )
+
+
+def _aim(kind: Kind, effect_id: str, rng: np.random.Generator) -> float:
+    """Return the size that is aimed at, in standard errors."""
+    low, high = _SIZES[kind]
+    gross = _GROSS_TO * _AT_PROBE.get(effect_id, _USUAL)
+    if gross > high and rng.random() < 0.5:
+        low, high = _GROSS_FROM, gross
+    return _log_uniform(rng, low, high)
 
 
 def _base(rng: np.random.Generator) -> PixelModel:

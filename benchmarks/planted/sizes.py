@@ -47,6 +47,8 @@ _SENSORS: Final = 3
 _SETS: Final = 2
 #: Sensors of the set from which the changes by the base numbers are known, and those by what mimics an effect.
 _OTHERS: Final = 2
+#: Events and stimulus are known to be no further apart than this.
+_TIMING_US: Final = 10
 _SLOW: Final = frozenset({"high_pass"})
 _QUARTER: Final = Roi(ROI.x, ROI.y, ROI.width // 2, ROI.height // 2)
 
@@ -76,15 +78,21 @@ class _Bench:
         self._seed = case.seed
         self._engine = FastEngine(_STEP_S, threads=1)
 
-    def see(self, model: PixelModel, of_set: int, sensors: int) -> list[list[Summary]]:
-        """Return what each point shows, for each sensor of a set."""
-        return [[self._look(p, model, of_set, sensor) for p in self.points] for sensor in range(sensors)]
+    def see(self, model: PixelModel, of_set: int, sensors: int, late_us: int = 0) -> list[list[Summary]]:
+        """Return what each point shows, for each sensor of a set, when all events come somewhat late."""
+        return [[self._look(p, model, of_set, sensor, late_us) for p in self.points] for sensor in range(sensors)]
 
-    def _look(self, point: PointData, model: PixelModel, of_set: int, sensor: int) -> Summary:
+    def _look(self, point: PointData, model: PixelModel, of_set: int, sensor: int, late_us: int) -> Summary:
         pixels = recording_seed(self._seed + of_set, sensor, 0)
         noise = recording_seed(self._seed + of_set, sensor, 1 + point.index)
         events = simulate_point(point, on_sensor(model, SENSOR), self._engine, sensor_seed=pixels, seed=noise)
-        return summarise(Recording(Frame(point), events), VIEWS)
+        return summarise(Recording(Frame(point), (_later(e, late_us) for e in events)), VIEWS)
+
+
+def _later(events: npt.NDArray[np.void], late_us: int) -> npt.NDArray[np.void]:
+    moved = events.copy()
+    moved["t"] += late_us
+    return moved
 
 
 class _Truth:
@@ -122,7 +130,12 @@ class _Truth:
             self.whiten(self.value(self.bench.see(one, _SETS, _OTHERS)) - here) / step
             for one, step in zip(others, steps, strict=True)
         ]
-        return np.stack(columns, axis=1) if columns else np.empty((len(self.whiten(here)), 0))
+        return np.stack(columns, axis=1)
+
+    def delayed(self, model: PixelModel) -> Floats:
+        """(n, 1) change when all events come as late as the clocks may be apart."""
+        here = self.value(self.bench.see(model, _SETS, _OTHERS))
+        return self.whiten(self.value(self.bench.see(model, _SETS, _OTHERS, _TIMING_US)) - here)[:, None]
 
 
 def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
@@ -172,7 +185,7 @@ def _root(square: float) -> float:
 
 
 def _base_changes(truth: _Truth, model: PixelModel) -> tuple[Floats, Floats]:
-    """Return the changes by the base pixel's numbers, and how well these are known before."""
+    """Return the changes by the base pixel's numbers and the clock, and how well these are known before."""
     moved, steps, prior = [], [], []
     for free in base_parameters(refractory_known=True):
         at = free.coordinate(get(model, free))
@@ -180,7 +193,8 @@ def _base_changes(truth: _Truth, model: PixelModel) -> tuple[Floats, Floats]:
         moved.append(put(model, [free], [to]))
         steps.append(to - at)
         prior.append(0.0 if math.isinf(free.prior_sd) else free.prior_sd**-2)
-    return truth.changes(model, moved, steps), np.array(prior)
+    columns = np.concatenate([truth.changes(model, moved, steps), truth.delayed(model)], axis=1)
+    return columns, np.array([*prior, 1.0])
 
 
 def _nearest(
