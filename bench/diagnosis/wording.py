@@ -42,6 +42,8 @@ _INDENT: Final = " " * 8
 _COLUMN: Final = 76
 #: Parts of a fit that are no physics.
 _NOT_PHYSICS: Final = frozenset({"alignment"})
+#: Views whose statistics are rates.
+_RATES: Final = frozenset({"background", "background_halves"})
 #: The worst of many statistics of a true model is as far off as this.
 _FAR_Z: Final = 3.5
 #: Below this a pattern among the pixels is chance.
@@ -221,7 +223,9 @@ def _conditions(lux: float, contrast: float) -> str:
 
 
 def _both(view: str, value: float) -> str:
-    """Return a statistic; the mean logarithm of a time as that time."""
+    """Return a statistic with its unit; the mean logarithm of a time as that time."""
+    if view.removesuffix("_on").removesuffix("_off") in _RATES:
+        return f"{value:.3g} Hz"
     in_time = (view.startswith("latency") and "spread" not in view) or view.startswith("second_event")
     return quantity(math.exp(value), "s") if in_time and math.isfinite(value) else f"{value:.3g}"
 

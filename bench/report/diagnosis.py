@@ -13,6 +13,8 @@ from bench.report.figures import error_fall, misfit_map, ranking, residual_axes
 from bench.report.gallery import Picture
 from bench.report.results_table import Cell, Table
 from bench.report.wording import MISSING, capital
+from bench.store.durable import write_whole
+from bench.store.layout import PART_SUFFIX
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -84,7 +86,7 @@ def write_diagnosis(folder: Path) -> Path:
     if section is None:
         raise InputError(f"{folder}: has no {JSON_FILE}; expected what 'evs-bench diagnose' writes")
     page = folder / PAGE
-    page.write_text(template(PAGE).render(diagnosis=section), encoding="utf-8", newline="\n")
+    write_whole(page, template(PAGE).render(diagnosis=section), PART_SUFFIX)
     return page
 
 

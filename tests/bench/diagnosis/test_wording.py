@@ -91,6 +91,8 @@ def test_where_a_model_fails_is_told_with_how_it_changes(
     (first, *_) = worst_places(residuals_of(88.0))
     assert place_text(first).startswith("ON response at 80 mlux, contrast 0.3: measured 0.11, model 0.97 (-88 sigma)")
     assert place_text(first).endswith("; grows as the light falls, flat from 10 lux on")
+    rate = replace(first, worst=replace(first.worst, view="background", log_contrast=0.0), changes=())
+    assert place_text(rate) == "ON background at 80 mlux: measured 0.11 Hz, model 0.97 Hz (-88 sigma)"
     latency = next(p for p in worst_places(residuals_of(88.0)) if p.worst.view == "latency")
     assert "measured 2.48 ms, model 1.5 ms" in place_text(latency)
 
