@@ -69,13 +69,12 @@ def cost_of(model: PixelModel) -> float:
 
 
 def needs_array(model: PixelModel) -> bool:
-    """Return whether the model shows in what all pixels do together: a part of the pixels does not tell it."""
-    return any(e.stage in _OF_ALL_PIXELS and e.id not in _OF_ONE_PIXEL for e in model.effects)
+    """Return whether the model shows in what pixels do to each other: a part of the pixels does not tell it."""
+    return any(e.id in _OF_ARRAY or e.id not in _FITTED for e in model.effects)
 
 
-#: Stages that act on all pixels at once, and effects of these stages that do not.
-_OF_ALL_PIXELS: Final = frozenset({"light", "readout"})
-_OF_ONE_PIXEL: Final = frozenset({"stray_light", "nd_error", "contrast_error"})
+#: Effects that couple pixels; of a user's effect it is not known.
+_OF_ARRAY: Final = frozenset({"crosstalk", "readout_saturation", "event_rate_limit"})
 
 
 def free_of(effect: type[Effect]) -> tuple[Free, ...]:

@@ -50,6 +50,8 @@ _EXPLAINED: Final = 4.0
 #: Predicted separation, in standard errors, below which two effects cannot be told apart.
 _TIED: Final = 2.0
 _IN_A_TIE: Final = 3
+#: Two effects are only confused when one explains at least so much of what the other does.
+_AS_WELL: Final = 0.2
 #: Standard errors at which an effect is found as a rule.
 _DETECTED: Final = 4.5
 
@@ -253,7 +255,7 @@ class Diagnosis:
         if far_off and self._share(state, best) < _WORTH:
             return
         state.proposal = best.effect
-        state.tied = self._tied(state, best, found)
+        state.tied = self._tied(state, best, found, far_off)
 
     def _refitted(self, state: _State, effect_ids: Sequence[str]) -> list[Found]:
         """Return the models with one of these effects more, the most promising of them fitted."""
@@ -279,7 +281,7 @@ class Diagnosis:
         before = max(deviance(self.problem, state.fit) - n, math.sqrt(2.0 * n))
         return (deviance(self.problem, state.fit) - found.deviance) / before
 
-    def _tied(self, state: _State, best: Found, found: Sequence[Found]) -> tuple[str, ...]:
+    def _tied(self, state: _State, best: Found, found: Sequence[Found], far_off: bool) -> tuple[str, ...]:
         """Return the effects that the data cannot tell from the best."""
         scores = state.scores
         ids = [one.effect.id for one in scores.probes]
@@ -288,10 +290,12 @@ class Diagnosis:
         rivals = []
         known = {f.effect: f for f in found}
         for i, name in enumerate(ids):
-            if name == best.effect or scores.drop[i] <= 0.0:
+            if name == best.effect or scores.drop[i] < _AS_WELL * scores.drop[number]:
                 continue
             if name in known:
                 apart = separation(self.problem, best, known[name], self._seed + 31)
+            elif far_off:
+                continue  # a straight line does not tell
             else:
                 apart = size * math.sqrt(max(1.0 - float(scores.likeness[number, i]) ** 2, 0.0))
             if apart < _TIED:

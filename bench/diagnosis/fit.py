@@ -1,9 +1,9 @@
 """Fitting the free numbers of a model to a run: Gauss-Newton steps on simulated expectations.
 
 Every expectation is simulated, so any effect can be fitted, a user's own too. The same random numbers are used for
-all parameters of one step. What is simulated is uncertain: changes by coordinate come from two sensors, and products
-of one sensor's changes with the other's have no chance in them. Squares would count it as information, and a fit
-would take it for a steep valley and creep.
+all parameters of one step. What is simulated is uncertain: near the minimum it is simulated with more effort, and
+what a step has changed in truth corrects the changes by coordinate. These come from two sensors, so that products of
+one sensor's changes with the other's have no chance in them: squares would count it as information.
 """
 
 from __future__ import annotations
@@ -34,14 +34,33 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 
-__all__ = ["Approach", "Fit", "approach", "finish", "fit", "live", "longest_of", "prior_precision", "solve"]
+__all__ = [
+    "Approach",
+    "Fit",
+    "approach",
+    "finish",
+    "fit",
+    "further",
+    "live",
+    "longest_of",
+    "prior_precision",
+    "solve",
+]
 
 _ITERATIONS: Final = 8
 #: Effort of one expectation on the way, and at the solution.
 _ROUGH: Final = 0.15
-_SHARP: Final = 0.4
+_SHARP: Final = 0.6
 _FINE: Final = 3.0
 _POLISHINGS: Final = 4
+#: The loss is known to about this; a step that makes it so many times larger went wrong; what is at a loss so much
+#: larger than the least counts as close by.
+_CHANCE: Final = 30.0
+_WORSE: Final = 1.2
+_CLOSE: Final = 100.0
+#: Width of a sharp look, in usual steps, and the longest last step, beside the longest of all.
+_SPAN: Final = 2.0
+_LAST: Final = 0.1
 #: A loss per statistic above this is no matter of effort.
 _HOPELESS: Final = 8.0
 #: Parts of a step that are tried.
@@ -49,6 +68,8 @@ _LENGTHS: Final = (1.0, 0.4)
 #: Parts of the longest step within which one is looked for; below the limit the fit ends.
 _RADII: Final = (1.0, 0.3, 0.1)
 _SHORTEST: Final = 0.02
+#: After so many steps the changes by coordinate are simulated again.
+_LOOKS: Final = 2
 #: After the longest of them was the best, the next may be longer.
 _GROWS: Final = 4.0
 #: Changes by coordinate are first taken over so many steps, then over fewer: far away chance in them counts more.
@@ -153,12 +174,22 @@ def approach(
         radius = min(radius * (_GROWS if best == 0 else _RADII[best]), 1.0) if better else radius * _RADII[-1]
         span = max(span * _NARROWER, 1.0)
         if better:
-            at, now = tries[best], losses[best]
+            there = found[best]
+            jacobian = _corrected(jacobian, tries[best] - at, there.value - here.value, longest_of(slots, at))
+            at, now, here = tries[best], losses[best], there
         if radius < _SHORTEST:
             break
-        if step < iterations - 1:
+        if step < iterations - 1 and (not better or step % _LOOKS == _LOOKS - 1):
             here, jacobian = _look(problem, model, slots, at, seed, span)
     return Approach(model, slots, at, start, now, seed)
+
+
+def further(problem: Problem, near: Approach, iterations: int) -> Approach:
+    """Go on."""
+    return approach(
+        problem, near.model, near.slots, list(near.at), seed=near.seed, iterations=iterations, span=1.0,
+        prior=near.start,
+    )  # fmt: skip
 
 
 def finish(problem: Problem, near: Approach) -> Fit:
@@ -166,27 +197,31 @@ def finish(problem: Problem, near: Approach) -> Fit:
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
     # A model that is far off is not worth the effort.
     close = near.loss < _HOPELESS * len(problem.measured.labels)
-    jacobian = _look(problem, model, slots, at, seed + 1, 1.0, sharp=close)[1]
+    looked = _look(problem, model, slots, at, seed + 1, _SPAN if close else 1.0, sharp=close)[1]
+    jacobian = looked
     simulated = problem.simulate([problem.models(model, slots, at)], seed, _FINE)[0]
     here = _shifted(problem, problem.expect(simulated), slots, at)
-    for _ in range(_POLISHINGS if close else 0):
+    visited = [(at, here)]
+    for k in range(_POLISHINGS if close else 0):
         delta, gain = _step(problem, here, jacobian, slots, at, start, 1.0)
         if gain < _SMALL:
             break
         to = at + delta
-        again = problem.simulate([problem.models(model, slots, to)], seed, _FINE)[0]
+        again = problem.simulate([problem.models(model, slots, to)], seed + 10 * (k + 1), _FINE)[0]
         there = _shifted(problem, problem.expect(again), slots, to)
         before, after = _loss(problem, here, slots, at, start), _loss(problem, there, slots, to, start)
         _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", before, after, gain, _shown(slots, to))
-        jacobian = _corrected(jacobian, delta, there.value - here.value, longest_of(slots, at))
-        if after < before:
+        visited.append((to, there))
+        if after < before + _CHANCE:
             at, here, simulated = to, there, again
+        elif after > _WORSE * before:
+            jacobian = _corrected(jacobian, delta, there.value - here.value, longest_of(slots, at))
+    here = _pooled(problem, visited, jacobian, slots, at, start)
     # The last step is small: what is expected there follows from the changes by coordinate.
-    delta = _step(problem, here, jacobian, slots, at, start, _SHORTEST)[0]
-    last = _inside(slots, at + delta)
+    last = _inside(slots, at + _step(problem, here, jacobian, slots, at, start, _LAST if close else _SHORTEST)[0])
     value = here.value + jacobian.mean(axis=0) @ (last - at)
-    if _loss(problem, replace(here, value=value), slots, last, start) > _loss(problem, here, slots, at, start):
-        last, value = at, here.value
+    _LOG.debug("last, loss %.5g to %.5g, at %s", _loss(problem, here, slots, at, start),
+               _loss(problem, replace(here, value=value), slots, last, start), _shown(slots, last))  # fmt: skip
     return Fit(
         model=problem.models(model, slots, last)[0],
         slots=slots,
@@ -196,11 +231,25 @@ def finish(problem: Problem, near: Approach) -> Fit:
         ratio=here.ratio,
         roots=here.roots(),
         deviation=here.deviation,
-        jacobian=jacobian,
+        jacobian=looked,
         scale=_scale(simulated),
         residual=problem.measured.value - value,
         common=(1.0 + problem.alike(problem.models(model, slots, last)) / here.recordings) / here.more,
     )
+
+
+def _pooled(
+    problem: Problem, visited: Sequence[tuple[Floats, Expectation]], jacobian: Floats, slots: Sequence[Slot],
+    at: Floats, start: Floats,
+) -> Expectation:  # fmt: skip
+    """Return what is expected at a place, from the simulations there and at all places close by."""
+    losses = [_loss(problem, e, slots, x, start) for x, e in visited]
+    close = [v for v, loss in zip(visited, losses, strict=True) if loss <= min(losses) + _CLOSE]
+    here = next(e for x, e in visited if x is at)
+    change = jacobian.mean(axis=0)
+    total = sum(e.recordings for _, e in close)
+    value = sum((e.recordings / total) * (e.value + change @ (at - x)) for x, e in close)
+    return replace(here, value=np.asarray(value), recordings=total)
 
 
 def _corrected(jacobian: Floats, delta: Floats, change: Floats, longest: Floats) -> Floats:
@@ -287,12 +336,10 @@ def _step(
 ) -> tuple[Floats, float]:  # fmt: skip
     """Return the step that lowers the loss most where all changes are linear, and by how much; not a long one."""
     points, roots = problem.measured.points, here.roots()
-    first, second = (_whiten(roots, j, points) for j in jacobian)
     longest = radius * longest_of(slots, at)
     low, high = (np.array([s.free.range[end] for s in slots]) for end in (0, 1))
     delta, gain = robust.solve(
-        0.5 * (first + second),
-        0.5 * (first - second),
+        _whiten(roots, jacobian.mean(axis=0), points),
         _whiten(roots, problem.measured.value - here.value, points),
         prior_precision(slots),
         start - at,

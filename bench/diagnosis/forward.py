@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import uuid
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -48,6 +49,7 @@ class Task:
     seed: int
     sensor: int
     share: float = 1.0  #: of the pixels
+    run: str = ""  #: tells the points of one run from those of another; empty: nothing is remembered
 
 
 def sensor_of(task: Task) -> Sensor:
@@ -59,17 +61,34 @@ def sensor_of(task: Task) -> Sensor:
         if same < index:
             found.append(found[same].at(point))
             continue
-        window = point if task.share >= 1.0 else _part(point, task.share)
+        frame = _frame(task, index)
         events = simulate_point(
-            window,
+            frame.point,
             task.models[index],
             engine,
             sensor_seed=recording_seed(task.seed, task.sensor, 0),
             seed=recording_seed(task.seed, task.sensor, 1 + point.index),
         )
-        found.append(summarise(Recording(Frame(window), events), VIEWS))
+        found.append(summarise(Recording(frame, events), VIEWS))
     whole = sum(p.roi.pixels for p in task.points)
     return Sensor(tuple(found), sum(_part(p, task.share).roi.pixels for p in task.points) / whole)
+
+
+#: The windows of points that were simulated before in this process.
+_FRAMES: dict[tuple[str, int, float], Frame] = {}
+_MOST_FRAMES: Final = 4096
+
+
+def _frame(task: Task, index: int) -> Frame:
+    """Return the windows of a point; in each process they are looked for once."""
+    if not task.run:
+        return Frame(_part(task.points[index], task.share))
+    key = (task.run, index, task.share)
+    if key not in _FRAMES:
+        if len(_FRAMES) >= _MOST_FRAMES:
+            _FRAMES.clear()
+        _FRAMES[key] = Frame(_part(task.points[index], task.share))
+    return _FRAMES[key]
 
 
 def _part(point: PointData, share: float) -> PointData:
@@ -103,6 +122,7 @@ class Forward:
         self._executor = executor
         self.dt_s = dt_s
         self._done = done
+        self._run = uuid.uuid4().hex
         self.simulated = 0  #: sensors so far
 
     def run(
@@ -127,7 +147,7 @@ class Forward:
         """
         shares = [share] * len(models) if isinstance(share, float) else list(share)
         tasks = [
-            Task(self._points, tuple(m), self.dt_s, seed, s, part)
+            Task(self._points, tuple(m), self.dt_s, seed, s, part, self._run)
             for m, part in zip(models, shares, strict=True)
             for s in range(sensors)
         ]

@@ -146,11 +146,15 @@ class Problem:
         known = {
             (number, share): self.forward.run([base], seed, number, share)[0] for number, share in sizes
         }  # fmt: skip
+        array = np.array([label.of_array for label in self.measured.labels], dtype=np.bool_)
         for there in simulated:
             here = known[len(there), there[0].share]
-            yield np.stack(
+            halves = np.stack(
                 [self.expect(there[half::2]).value - self.expect(here[half::2]).value for half in range(2)]
-            )  # fmt: skip
+            )
+            if there[0].share < 1.0:
+                halves[:, array] = 0.0
+            yield halves
 
     def start(self, model: PixelModel, *, by_eye: bool = True) -> list[float]:
         """Return the coordinates of a model's free numbers; of the base pixel perhaps what the curves show by eye."""

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.catalogue import probe_of
-from bench.diagnosis.fit import approach, finish
+from bench.diagnosis.fit import approach, finish, further
 from bench.diagnosis.judging import deviance
 from bench.diagnosis.problem import Slot
+from bench.diagnosis.screen import beyond
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,11 +27,13 @@ __all__ = ["Found", "needless", "refitted", "separation", "without"]
 #: An effect whose numbers are all fewer standard errors from null is needless.
 _NEEDED: Final = 2.0
 #: Steps of a fit, and the width of its first, where the model was far off, and where it was not.
-_FAR: Final = (6, 2.0)
-_NEAR: Final = (3, 1.0)
+_FAR: Final = (2, 2.0)
+_NEAR: Final = (2, 1.0)
+_FURTHER: Final = 4
 _EFFORT: Final = 1.0
 #: Models whose loss, with little effort, is more than so many times that of the best are out of the race.
 _RIVALS: Final = 1.4
+_EARLY_RIVALS: Final = 5.0
 
 
 @dataclass(frozen=True)
@@ -46,14 +49,20 @@ def refitted(
     problem: Problem, here: Fit, scores: Scores, candidates: Sequence[int], seed: int, far_off: bool
 ) -> list[Found]:
     """Return the models with one of these candidates more, fitted; those that come close to the best of them."""
-    near = [_approach(problem, here, scores, i, seed, far_off) for i in candidates]
-    best = min((one.loss for one in near), default=0.0)
+    near = {i: _approach(problem, here, scores, i, seed, far_off) for i in candidates}
+    near = _rivals(near, _EARLY_RIVALS)
+    if far_off:
+        near = _rivals({i: further(problem, one, _FURTHER) for i, one in near.items()}, _RIVALS)
     found = []
-    for i, one in zip(candidates, near, strict=True):
-        if one.loss <= _RIVALS * best:
-            fitted = finish(problem, one)
-            found.append(Found(scores.probes[i].effect.id, fitted, deviance(problem, fitted)))
+    for i, one in near.items():
+        fitted = finish(problem, one)
+        found.append(Found(scores.probes[i].effect.id, fitted, deviance(problem, fitted)))
     return found
+
+
+def _rivals(near: dict[int, Approach], most: float) -> dict[int, Approach]:
+    best = min((one.loss for one in near.values()), default=0.0)
+    return {i: one for i, one in near.items() if one.loss <= most * best}
 
 
 def _approach(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_off: bool) -> Approach:
@@ -75,10 +84,15 @@ def _approach(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, fa
 
 
 def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
-    """Return by how many standard errors a run like this one would tell two fitted models apart."""
+    """Return by how many standard errors a run like this one would tell two fitted models apart.
+
+    What the free numbers of the first could take up is left out: both are as if fitted to the same data.
+    """
     a, b = (problem.models(f.fit.model, f.fit.slots, f.fit.x) for f in (one, other))
     halves = next(problem.changes(a, [b], seed, _EFFORT))
-    first, second = (one.fit.whiten(half, problem.measured.points) for half in halves)
+    first, second = (
+        beyond(one.fit, problem, one.fit.whiten(half, problem.measured.points)[:, None])[:, 0] for half in halves
+    )
     return math.sqrt(max(float(first @ second), 0.0))
 
 

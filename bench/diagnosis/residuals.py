@@ -29,7 +29,7 @@ _LEAST_VARIANCE: Final = 0.6
 #: A mean over fewer events than this says nothing.
 _FEWEST_EVENTS: Final = 12.0
 #: Correlations between the statistics of a point are taken to be this much weaker than they were found.
-_SHRINK: Final = 0.95
+_SHRINK: Final = 0.9
 _NOTHING: Final = 1e12
 
 
@@ -99,7 +99,7 @@ def expectation(of: Measured, summaries: Sequence[Summary], share: float = 1.0) 
             scale = np.sqrt(np.where(bottom > 0.0, each / np.where(bottom > 0.0, bottom, 1.0), 1.0))
         turn = slope * scale
         covariance = summary.covariance() * np.outer(turn, turn)
-        covariance = _bounded(labels, covariance, bottom, summary.bottom, of.ratio[where], ratio, of.variance[where])
+        covariance = _bounded(labels, covariance, bottom, summary, of.ratio[where], of.variance[where])
         covariances.append(covariance if share >= 1.0 else _without_array(labels, covariance))
         ratios.append(ratio)
         values.append(_transform(labels, ratio, bottom))
@@ -135,17 +135,12 @@ def _slope(labels: Sequence[Label], ratio: Floats, bottom: Floats) -> Floats:
 
 
 def _bounded(
-    labels: Sequence[Label],
-    covariance: Floats,
-    bottom: Floats,
-    simulated: Floats,
-    ratio: Floats,
-    expected: Floats,
-    scatter: Floats,
+    labels: Sequence[Label], covariance: Floats, bottom: Floats, summary: Summary, ratio: Floats, scatter: Floats
 ) -> Floats:
     """Return the covariance with variances that are not too small, and none where a statistic says nothing."""
-    variance = np.diag(covariance).copy()
-    modelled = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    found = np.diag(covariance).copy()
+    variance = found.copy()
+    simulated, expected = summary.bottom, summary.ratio
     for i, label in enumerate(labels):
         if label.kind in ("share", "count"):
             variance[i] = max(variance[i], _LEAST_VARIANCE) if bottom[i] > 0.0 and simulated[i] > 0.0 else _NOTHING
@@ -156,16 +151,35 @@ def _bounded(
             variance[i] = 0.5 * (variance[i] + scatter[i]) + 2.0 * label.least**2
         if not (np.isfinite(ratio[i]) and np.isfinite(expected[i])) or variance[i] <= 0.0:
             variance[i] = _NOTHING
-    alone = variance >= _NOTHING
-    off = _SHRINK * covariance * np.outer(np.sqrt(variance) / modelled, np.sqrt(variance) / modelled)
-    off[alone, :] = 0.0
-    off[:, alone] = 0.0
+    kept = np.sqrt(_SHRINK * _trust(labels, summary))
+    for i, label in enumerate(labels):
+        if variance[i] >= _NOTHING:
+            kept[i] = 0.0
+        elif found[i] > variance[i] or (label.kind == "mean" and found[i] > 0.0):
+            kept[i] *= np.sqrt(variance[i] / found[i])
+    # What a variance was made larger by belongs to that statistic alone.
+    off = covariance * np.outer(kept, kept)
     np.fill_diagonal(off, variance)
-    return off
+    return np.asarray(off)
+
+
+def _trust(labels: Sequence[Label], summary: Summary) -> Floats:
+    """Return from 0 to 1 how well the correlations of each statistic are known: not well from few events."""
+    events = np.full(len(labels), np.inf)
+    for i, label in enumerate(labels):
+        if label.kind == "share":
+            events[i] = min(summary.top[i], summary.bottom[i] - summary.top[i])
+        elif label.kind == "count":
+            events[i] = summary.top[i]
+        elif label.kind == "mean":
+            events[i] = summary.bottom[i]
+    events = np.maximum(events, 0.0)
+    known = np.isinf(events)
+    return np.asarray(np.where(known, 1.0, events / np.where(known, 1.0, events + _FEWEST_EVENTS)))
 
 
 def _without_array(labels: Sequence[Label], covariance: Floats) -> Floats:
-    array = np.array([label.of_array for label in labels], dtype=np.bool_)
+    array = np.array([label.of_array or label.by_pulse for label in labels], dtype=np.bool_)
     found = np.where(array[:, None] | array[None, :], 0.0, covariance)
     found[array, array] = _NOTHING
     return found
@@ -175,6 +189,6 @@ def _whitener(covariance: Floats) -> Floats:
     """Return W with ``W C W^T = 1``; combinations that hardly vary are left out."""
     scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = values > 1e-3
+    kept = values > 1e-2
     root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
     return np.asarray((root[:, None] * vectors.T) / scale)

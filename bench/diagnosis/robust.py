@@ -37,7 +37,6 @@ def weights(residual: Floats) -> Floats:
 
 def solve(
     columns: Floats,
-    noise: Floats,
     residual: Floats,
     precision: Floats,
     towards: Floats,
@@ -49,9 +48,7 @@ def solve(
     Parameters
     ----------
     columns
-        (n, k), each with an uncertainty of its own.
-    noise
-        (n, k) half the difference of two estimates of each column: what is chance in their mean.
+        (n, k); chance in them makes coefficients and fall smaller than they are in truth, never larger.
     precision, towards
         (k,) of a normal prior of the coefficients.
     lowest, highest
@@ -61,20 +58,14 @@ def solve(
     before = loss(residual)
     for _ in range(_ROUNDS):
         w = weights(residual - columns @ c)[:, None]
-        # Chance in the columns would count as information: it is taken out of their products.
-        information = columns.T @ (w * columns) - noise.T @ (w * noise)
-        left = positive(information) + np.diag(precision)
+        left = columns.T @ (w * columns) + np.diag(precision)
         right = columns.T @ (w[:, 0] * residual) + precision * towards
         new = _bounded(left, right, lowest, highest)
         done = float(np.max(np.abs(new - c) / (np.abs(new) + 1e-12), initial=0.0)) < _SAME
         c = new
         if done:
             break
-    # What chance in the columns adds to the residuals would not be there in truth.
-    rest = residual - columns @ c
-    chance = float(np.sum(weights(rest) * (noise @ c) ** 2))
-    fall = before - loss(rest) + chance - float(precision @ ((c - towards) ** 2 - towards**2))
-    return c, fall
+    return c, before - loss(residual - columns @ c) - float(precision @ ((c - towards) ** 2 - towards**2))
 
 
 def positive(matrix: Floats) -> Floats:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Probe", "Scores", "probe", "score"]
+__all__ = ["Probe", "Scores", "beyond", "probe", "score"]
 
 #: Sizes at which an effect is probed, beside that of the catalogue, in its coordinate.
 _SIZES: Final = (0.25, 1.0, 4.0)
@@ -103,7 +103,7 @@ def _null(effect: type[Effect], free: Free) -> float:
     return 0.0 if null is None else null
 
 
-def _beyond(fit: Fit, problem: Problem, columns: Floats) -> Floats:
+def beyond(fit: Fit, problem: Problem, columns: Floats) -> Floats:
     """Return what is left of columns when the free numbers have taken up what they can."""
     basis = _basis(fit, problem)
     return columns - basis @ (basis.T @ columns)
@@ -132,8 +132,8 @@ def score(problem: Problem, fit: Fit, probes: Sequence[Sequence[Probe]], seed: i
         bases.append(tried[best][0])
         sizes.append(tried[best][1])
         drops.append(max(tried[best][2] - alone, 0.0))
-    rest = _beyond(fit, problem, residual[:, None])[:, 0]
-    spans = [[_beyond(fit, problem, one.change[s]) for s in range(2)] for one in chosen]
+    rest = beyond(fit, problem, residual[:, None])[:, 0]
+    spans = [[beyond(fit, problem, one.change[s]) for s in range(2)] for one in chosen]
     means = [0.5 * (a + b) for a, b in spans]
     rest /= math.sqrt(fit.common)
     ps = np.array([_score(one, mean, mean.T @ rest) for one, mean in zip(chosen, means, strict=True)])
@@ -164,9 +164,7 @@ def _explain(problem: Problem, fit: Fit, residual: Floats, one: Probe | None) ->
         lowest = np.append(lowest, np.where(signed, -_BEYOND, 0.0))
         highest = np.append(highest, np.full(m, _BEYOND))
         precision, towards = np.append(precision, np.zeros(m)), np.append(towards, np.zeros(m))
-    # Chance stays in the columns: less is explained than could be, never more.
-    mean = 0.5 * (halves[0] + halves[1])
-    c, fall = robust.solve(mean, np.zeros_like(mean), residual, precision, towards, lowest, highest)
+    c, fall = robust.solve(halves.mean(axis=0), residual, precision, towards, lowest, highest)
     at = np.array(one.at if one is not None else ())
     return c[:k], c[k:] * at, fall
 

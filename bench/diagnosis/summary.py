@@ -36,6 +36,7 @@ class Label:
     nd_od: float
     least: float  #: what one rare event changes it by
     of_array: bool  #: it depends on how many pixels there are
+    by_pulse: bool  #: it comes from what all pixels do in a pulse
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +111,7 @@ def summarise(recording: Recording, views: Sequence[View]) -> Summary:
                     point.nd_od,
                     s.least,
                     view.of_array,
+                    s.by_pulse,
                 )
             )
             tops.append(s.top)

@@ -78,7 +78,6 @@ class CommonMode(View):
 
     id: ClassVar[str] = "common_mode"
     title: ClassVar[str] = "variance over pulses, common to all pixels"
-    of_array: ClassVar[bool] = True
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the covariance."""
