@@ -51,7 +51,9 @@ _EXPLAINED: Final = 4.0
 _TIED: Final = 2.0
 _IN_A_TIE: Final = 3
 #: Two effects are only confused when one explains at least so much of what the other does.
-_AS_WELL: Final = 0.2
+_AS_WELL: Final = 0.5
+#: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
+_LOOKS: Final = 2.0
 #: Standard errors at which an effect is found as a rule.
 _DETECTED: Final = 4.5
 
@@ -237,16 +239,19 @@ class Diagnosis:
         number = len(self._states)
         self._say(f"step {number}: looking for what is missing")
         possible = candidates(fitted.model, self.problem.points, without=self._without)
-        probes = probe(self.problem, fitted, possible, self._seed + 100 * number + 11)
+        seed = self._seed + 100 * number + 11
+        probes = probe(self.problem, fitted, possible, seed, self._far_off(fitted))
         return _State(fitted, score(self.problem, fitted, probes, self._seed), added, fall)
 
     def _choose(self, state: _State) -> None:
         """Find the effect that is worth adding, and those that cannot be told from it."""
-        scores, problem = state.scores, self.problem
-        significant = [i for i in range(len(scores.probes)) if scores.p_best[i] < ALPHA]
+        scores = state.scores
+        significant = [
+            i for i in range(len(scores.probes)) if scores.p_best[i] < ALPHA and self._can_judge(scores, i)
+        ]
         if not significant:
             return
-        far_off = deviance(problem, state.fit) / freedom(state.fit) > _FAR_OFF
+        far_off = self._far_off(state.fit)
         significant.sort(key=lambda i: -scores.drop[i] if far_off else scores.p_value[i])
         names = [scores.probes[i].effect.id for i in significant]
         found = self._refitted(state, names[: _SHORTLIST if far_off else 1])
@@ -268,12 +273,25 @@ class Diagnosis:
         unknown = [name for name in effect_ids if name not in state.refitted]
         if unknown:
             self._say(f"refitting with {', '.join(unknown)}")
-            far_off = deviance(self.problem, state.fit) / freedom(state.fit) > _FAR_OFF
+            far_off = self._far_off(state.fit)
             seed = self._seed + 100 * len(self._states) + 21
             numbers = [ids.index(name) for name in unknown]
             for found in refitted(self.problem, state.fit, state.scores, numbers, seed, far_off):
                 state.refitted[found.effect] = found
         return [state.refitted[name] for name in effect_ids if name in state.refitted]
+
+    def _can_judge(self, scores: Scores, i: int) -> bool:
+        """Return whether an effect is coarser than the grid of the simulation, if it is a matter of time."""
+        one = scores.probes[i]
+        finest = _LOOKS * self.problem.forward.dt_s
+        return all(
+            free.unit != "s" or free.scale == "log" or free.value(abs(float(size))) >= finest or size == 0.0
+            for free, size in zip(one.free, scores.size[i], strict=True)
+        )
+
+    def _far_off(self, fitted: Fit) -> bool:
+        """Return whether straight lines do not tell what is missing."""
+        return deviance(self.problem, fitted) / freedom(fitted) > _FAR_OFF
 
     def _share(self, state: _State, found: Found) -> float:
         """Return the share of what is too much in the deviance that an effect takes away."""

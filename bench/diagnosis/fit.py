@@ -52,17 +52,17 @@ _ITERATIONS: Final = 8
 _ROUGH: Final = 0.15
 _SHARP: Final = 0.6
 _FINE: Final = 3.0
-_POLISHINGS: Final = 4
+_POLISHINGS: Final = 5
 #: The loss is known to about this; a step that makes it so many times larger went wrong; what is at a loss so much
 #: larger than the least counts as close by.
 _CHANCE: Final = 30.0
 _WORSE: Final = 1.2
-_CLOSE: Final = 100.0
+_CLOSE: Final = 40.0
 #: Width of a sharp look, in usual steps, and the longest last step, beside the longest of all.
 _SPAN: Final = 2.0
 _LAST: Final = 0.1
 #: A loss per statistic above this is no matter of effort.
-_HOPELESS: Final = 8.0
+_HOPELESS: Final = 3.0
 #: Parts of a step that are tried.
 _LENGTHS: Final = (1.0, 0.4)
 #: Parts of the longest step within which one is looked for; below the limit the fit ends.

@@ -29,10 +29,10 @@ _NEEDED: Final = 2.0
 #: Steps of a fit, and the width of its first, where the model was far off, and where it was not.
 _FAR: Final = (2, 2.0)
 _NEAR: Final = (2, 1.0)
-_FURTHER: Final = 4
+_FURTHER: Final = 2
 _EFFORT: Final = 1.0
 #: Models whose loss, with little effort, is more than so many times that of the best are out of the race.
-_RIVALS: Final = 1.4
+_RIVALS: Final = 2.0
 _EARLY_RIVALS: Final = 5.0
 
 

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Probe", "Scores", "beyond", "probe", "score"]
 
-#: Sizes at which an effect is probed, beside that of the catalogue, in its coordinate.
-_SIZES: Final = (0.25, 1.0, 4.0)
-#: Effort of each.
-_EFFORT: Final = 0.15
+#: Sizes at which an effect is probed, beside that of the catalogue, in its coordinate, and the effort of each: where
+#: the model is far off, and where what may be missing is small.
+_FAR: Final = ((0.25, 1.0, 4.0), 0.15)
+_NEAR: Final = ((0.25,), 0.4)
 #: A probe says something about effects up to so many times its size.
 _BEYOND: Final = 2.0
 #: A direction that is shorter, in standard errors, is none.
@@ -71,20 +71,23 @@ def switches(effect: type[Effect]) -> tuple[Free, ...]:
     return tuple(f for f in free_of(effect) if f.scale != "log")
 
 
-def probe(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int) -> list[list[Probe]]:
-    """Return the probes of some effects, each at several sizes."""
+def probe(
+    problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int, far_off: bool
+) -> list[list[Probe]]:  # fmt: skip
+    """Return the probes of some effects, each at several sizes if the model is far off."""
+    sizes, effort = _FAR if far_off else _NEAR
     base = problem.models(fit.model, fit.slots, fit.x)
     places: list[tuple[int, tuple[float, ...]]] = []
     models = []
     for number, effect in enumerate(effects):
-        for factor in _SIZES:
+        for factor in sizes:
             at = tuple(_coordinate(f, factor) for f in switches(effect))
             places.append((number, at))
             for free, coordinate in zip(switches(effect), at, strict=True):
                 off = {f.name: _null(effect, f) for f in switches(effect) if f is not free}
                 one = probe_of(effect, {**off, free.name: free.value(coordinate)})
                 models.append([m + one for m in base])
-    changes = iter(problem.changes(base, models, seed, _EFFORT))
+    changes = iter(problem.changes(base, models, seed, effort))
     found: list[list[Probe]] = [[] for _ in effects]
     for number, at in places:
         columns = np.stack([next(changes) for _ in at], axis=2)
