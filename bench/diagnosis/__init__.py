@@ -1,5 +1,4 @@
 """Where a model of the pixel fails to explain a run, which effect is missing, and whether adding it helps.
 
-In the making: views, expectations and the screen of effects are there and tested; the fit converges slowly on small
-runs, and no command leads here yet.
+:class:`bench.diagnosis.diagnosis.Diagnosis` goes step by step; `views` hold what is looked at in a run.
 """

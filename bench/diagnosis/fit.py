@@ -100,13 +100,18 @@ class Fit:
     """Variance of what several points have in common, beside that of each: they were simulated as one."""
 
     @property
+    def caution(self) -> float:
+        """Variance of the independent residuals, for tests: rare events scatter less than stated, others do not."""
+        return max(self.scale, 1.0)
+
+    @property
     def z(self) -> Floats:
         """(n,) residuals in standard errors, each on its own."""
-        return np.asarray(self.residual / (self.deviation * np.sqrt(self.scale)))
+        return np.asarray(self.residual / (self.deviation * np.sqrt(self.caution)))
 
     def whiten(self, values: Floats, points: Sequence[slice]) -> Floats:
         """Return residuals, or columns of changes, as independent numbers of unit variance."""
-        return np.asarray(_whiten(self.roots, values, points) / math.sqrt(self.scale))
+        return np.asarray(_whiten(self.roots, values, points) / math.sqrt(self.caution))
 
     def covariance(self, points: Sequence[slice]) -> Floats:
         """(k, k) covariance of the coordinates."""

@@ -25,9 +25,9 @@ _HEAVY: Final = 1.25
 
 
 def deviance(problem: Problem, one: Fit) -> float:
-    """Return the sum of squares of the independent residuals."""
+    """Return the sum of squares of the independent residuals; of a true model it is the number of them."""
     r = one.whiten(one.residual, problem.measured.points)
-    return float(r @ r)
+    return float(r @ r) * one.caution / one.scale
 
 
 def freedom(one: Fit) -> int:

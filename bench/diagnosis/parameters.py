@@ -62,7 +62,7 @@ class Free:
             found = 1.0 / coordinate if coordinate > 0.0 else math.inf
         else:
             found = coordinate
-        return min(max(found, self.lowest), self.highest)
+        return float(min(max(found, self.lowest), self.highest))
 
     @property
     def range(self) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from sim_backend.pixel.effects import (
 )
 from sim_backend.pixel.engines.hazard import hazard_table, quasi_stationary
 from sim_backend.pixel.engines.one_pole import OnePole
+from sim_backend.pixel.engines.segments import LAST
 from sim_backend.pixel.engines.stretches import UNIT
 
 if TYPE_CHECKING:
@@ -194,3 +195,10 @@ def test_an_injection_offset_moves_both_thresholds() -> None:
     moved = dataclasses.replace(model, theta_on=model.theta_on + 0.02, theta_off=model.theta_off - 0.02)
     offset = model + effect_from_dict("injection_offset", {"offset": 0.02})
     assert np.array_equal(take(FastEngine(), offset, light, roi), take(FastEngine(), moved, light, roi))
+
+
+def test_an_event_of_the_far_future_is_still_a_number() -> None:
+    """A pixel that hardly ever fires jumps to the end of its last segment: times the addresses, that is an event."""
+    most_pixels = 1280 * 720
+    assert LAST * most_pixels * 2 < np.iinfo(np.int64).max
+    assert LAST * 1e-6 > 1e6  # s, at the finest grid: more than any recording

@@ -133,7 +133,8 @@ def test_residuals_of_the_true_model_have_unit_variance_and_no_long_tails(
             found.append((root @ (run.value[where] - expected.value[where]))[live])
     z = np.concatenate(found)
     assert z.size > 500
-    assert np.mean(z**2) == pytest.approx(1.0, abs=0.25)
+    # Rare events scatter less than is stated of them; nothing may scatter more.
+    assert 0.4 < np.mean(z**2) < 1.15
     # Rare events make it lumpy, never wide.
     assert np.mean(np.abs(z) > 3.0) < 0.01
     assert np.max(np.abs(z)) < 6.0

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.slow
+@pytest.mark.dozen
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("case", dozen(), ids=lambda c: f"{c.name}-{'-'.join(c.planted) or 'nothing'}")
 def test_what_is_gross_is_named_and_nothing_else(case: Case) -> None:
     record = run_trial(Trial(case, 0, "", sizes=False))
