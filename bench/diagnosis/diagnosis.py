@@ -15,6 +15,7 @@ from bench.diagnosis.catalogue import candidates
 from bench.diagnosis.fit import approach, finish, fit
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import deviance, error_of, excess, freedom, values_of, worst_of
+from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import Found, needless, refitted, separation, without
 from bench.diagnosis.remainder import remainder_of
 from bench.diagnosis.result import Candidate, Outcome, Step
@@ -206,7 +207,7 @@ class Diagnosis:
         ties = {
             state.added: before.tied
             for before, state in pairwise(states)
-            if state.added in missing and before.tied and before.proposal == state.added
+            if state.added is not None and state.added in missing and before.tied and before.proposal == state.added
         }
         last = states[-1].fit if states else None
         return Outcome(
@@ -215,7 +216,8 @@ class Diagnosis:
             steps=self.steps if states else (),
             verdict=verdict,
             missing=missing,
-            ties={key: value for key, value in ties.items() if key is not None},
+            ties=ties,
+            next_measurement=next_measurement(ties),
             remainder=remainder_of(self.problem, last) if last is not None and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
         )

@@ -96,6 +96,7 @@ class Fit:
     jacobian: Floats  #: (2, n, k) change of the expected values by coordinate, from two sensors
     scale: float  #: mean square of the residuals of a run of the model itself
     residual: Floats  #: (n,) measured less expected, transformed
+    frozen: Floats | None = None  #: (k,) variance of the coordinates from what is frozen in the pixels of all points
     common: float = 1.0
     """Variance of what several points have in common, beside that of each: they were simulated as one."""
 
@@ -117,7 +118,8 @@ class Fit:
         """(k, k) covariance of the coordinates."""
         first, second = (self.whiten(j, points) for j in self.jacobian)
         information = robust.positive(first.T @ second) + np.diag(prior_precision(self.slots))
-        return np.asarray(np.linalg.pinv(information), np.float64)
+        found = np.asarray(np.linalg.pinv(information), np.float64)
+        return found if self.frozen is None else found + np.diag(self.frozen)
 
 
 @dataclass(frozen=True)
@@ -207,6 +209,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
     simulated = problem.simulate([problem.models(model, slots, at)], seed, _FINE)[0]
     here = _shifted(problem, problem.expect(simulated), slots, at)
     visited = [(at, here)]
+    seen = [simulated]
     for k in range(_POLISHINGS if close else 0):
         delta, gain = _step(problem, here, jacobian, slots, at, start, 1.0)
         if gain < _SMALL:
@@ -217,6 +220,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
         before, after = _loss(problem, here, slots, at, start), _loss(problem, there, slots, to, start)
         _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", before, after, gain, _shown(slots, to))
         visited.append((to, there))
+        seen.append(again)
         if after < before + _CHANCE:
             at, here, simulated = to, there, again
         elif after > _WORSE * before:
@@ -227,8 +231,9 @@ def finish(problem: Problem, near: Approach) -> Fit:
     value = here.value + jacobian.mean(axis=0) @ (last - at)
     _LOG.debug("last, loss %.5g to %.5g, at %s", _loss(problem, here, slots, at, start),
                _loss(problem, replace(here, value=value), slots, last, start), _shown(slots, last))  # fmt: skip
-    return Fit(
-        model=problem.models(model, slots, last)[0],
+    models = problem.models(model, slots, last)
+    found = Fit(
+        model=models[0],
         slots=slots,
         x=last,
         start=start,
@@ -239,8 +244,29 @@ def finish(problem: Problem, near: Approach) -> Fit:
         jacobian=looked,
         scale=_scale(simulated),
         residual=problem.measured.value - value,
-        common=(1.0 + problem.alike(problem.models(model, slots, last)) / here.recordings) / here.more,
+        common=(1.0 + problem.alike(models) / here.recordings) / here.more,
     )
+    return replace(found, frozen=_frozen(problem, found, seen, problem.alike(models)))
+
+
+def _frozen(problem: Problem, found: Fit, seen: Sequence[Sequence[Sensor]], alike: float) -> Floats:
+    """Return by how much the coordinates vary from sensor to sensor beyond what independent points explain.
+
+    What is frozen in a pixel is common to all points; the covariance of the statistics of each point does not know
+    it. Where several points are simulated as one, so much more variance is no sign of it.
+    """
+    points = problem.measured.points
+    columns = found.whiten(found.jacobian.mean(axis=0), points)
+    left = columns.T @ columns + np.diag(prior_precision(found.slots))
+    squares, freedom = np.zeros(len(found.x)), 0
+    for sensors in seen:
+        values = np.stack([problem.expect([one]).value for one in sensors])
+        for away in values - values.mean(axis=0):
+            x = np.linalg.lstsq(left, columns.T @ found.whiten(away, points), rcond=1e-10)[0]
+            squares += x * x * sensors[0].share
+        freedom += len(sensors) - 1
+    known = np.diag(found.covariance(points)) / (1.0 + 1.0 / max(len(seen[0]), 1))
+    return np.asarray(np.maximum(squares / max(freedom, 1) - alike * known, 0.0))
 
 
 def _pooled(

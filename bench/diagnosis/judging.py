@@ -24,10 +24,13 @@ _NINETY: Final = 1.6449
 _HEAVY: Final = 1.25
 
 
-def deviance(problem: Problem, one: Fit) -> float:
-    """Return the sum of squares of the independent residuals; of a true model it is the number of them."""
+def deviance(problem: Problem, one: Fit, scale: float | None = None) -> float:
+    """Return the sum of squares of the independent residuals; of a true model it is the number of them.
+
+    Models that are compared with each other want the same scale: each knows its own only roughly.
+    """
     r = one.whiten(one.residual, problem.measured.points)
-    return float(r @ r) * one.caution / one.scale
+    return float(r @ r) * one.caution / (one.scale if scale is None else scale)
 
 
 def freedom(one: Fit) -> int:

@@ -31,6 +31,8 @@ _FAR: Final = (2, 2.0)
 _NEAR: Final = (2, 1.0)
 _FURTHER: Final = 2
 _EFFORT: Final = 1.0
+#: Standard errors of a separation that are taken off.
+_SURELY: Final = 2.0
 #: Models whose loss, with little effort, is more than so many times that of the best are out of the race.
 _RIVALS: Final = 2.0
 _EARLY_RIVALS: Final = 5.0
@@ -56,7 +58,7 @@ def refitted(
     found = []
     for i, one in near.items():
         fitted = finish(problem, one)
-        found.append(Found(scores.probes[i].effect.id, fitted, deviance(problem, fitted)))
+        found.append(Found(scores.probes[i].effect.id, fitted, deviance(problem, fitted, here.scale)))
     return found
 
 
@@ -86,14 +88,17 @@ def _approach(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, fa
 def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
     """Return by how many standard errors a run like this one would tell two fitted models apart.
 
-    What the free numbers of the first could take up is left out: both are as if fitted to the same data.
+    What the free numbers of the first could take up is left out: both are as if fitted to the same data. It is a
+    lower limit: what may be chance of the simulation tells nothing apart.
     """
     a, b = (problem.models(f.fit.model, f.fit.slots, f.fit.x) for f in (one, other))
     halves = next(problem.changes(a, [b], seed, _EFFORT))
     first, second = (
         beyond(one.fit, problem, one.fit.whiten(half, problem.measured.points)[:, None])[:, 0] for half in halves
     )
-    return math.sqrt(max(float(first @ second), 0.0))
+    # The product of both halves has no chance in its mean; its standard error follows from their difference.
+    chance = float(np.sum((first - second) ** 2)) / (2.0 * math.sqrt(len(first)))
+    return math.sqrt(max(float(first @ second) - _SURELY * chance, 0.0))
 
 
 def needless(problem: Problem, one: Fit, effect_id: str) -> bool:

@@ -34,7 +34,7 @@ def run_line(line: str, folder: Path) -> None:
     tools = str(Path(sys.executable).parent)
     environment = {**os.environ, "PATH": tools + os.pathsep + os.environ["PATH"], "NO_COLOR": "1"}
     done = subprocess.run(
-        shlex.split(line, comments=True), cwd=folder, env=environment, capture_output=True, text=True, timeout=280,
+        shlex.split(line, comments=True), cwd=folder, env=environment, capture_output=True, text=True, timeout=500,
         stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
