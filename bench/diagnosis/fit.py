@@ -63,8 +63,6 @@ _SPAN: Final = 2.0
 _LAST: Final = 0.1
 #: A loss per statistic above this is no matter of effort.
 _HOPELESS: Final = 3.0
-#: Parts of a step that are tried.
-_LENGTHS: Final = (1.0, 0.4)
 #: Parts of the longest step within which one is looked for; below the limit the fit ends.
 _RADII: Final = (1.0, 0.3, 0.1)
 _SHORTEST: Final = 0.02
