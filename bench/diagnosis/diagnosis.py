@@ -46,6 +46,8 @@ _SHORTLIST: Final = 3
 _WORTH: Final = 0.15
 #: Where something is left that nothing explains, only effects that take away so much of it are named.
 _SURE: Final = 0.75
+#: Up to this deviance per degree of freedom not much is left.
+_NEARLY: Final = 1.5
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
 _EXPLAINED: Final = 4.0
 #: Predicted separation, in standard errors, below which two effects cannot be told apart.
@@ -350,7 +352,10 @@ class Diagnosis:
         named = tuple(s.added for s in states[1:] if s.added is not None)
         if excess(self.problem, states[-1].fit) <= _EXPLAINED:
             return ("explained" if named else "nothing_missing"), named
-        return "unexplained", tuple(s.added for s in states[1:] if s.added is not None and s.fall > _SURE)
+        # Effects that leave much behind may only have mimicked what no catalogue knows.
+        nearly = deviance(self.problem, states[-1].fit) / freedom(states[-1].fit) < _NEARLY
+        sure = (s.added for s in states[1:] if s.added is not None and (nearly or s.fall > _SURE))
+        return "unexplained", tuple(sure)
 
     def _step(self, number: int, state: _State) -> Step:
         scores = state.scores
