@@ -149,10 +149,11 @@ def test_findings_of_many_points_are_one_line(make_station: StationMaker) -> Non
 def test_the_shipped_protocols_can_be_taken(name: str) -> None:
     report = check(load_protocol(name).protocol, load_station("simulated"))
     assert not report.refused
-    # A sweep of the pulse width goes below what the others keep to, and the study of the square wave shows what
-    # imbalanced thresholds do to it: that is their point.
+    # A sweep of the pulse width goes below what the others keep to, the study of the square wave shows what
+    # imbalanced thresholds do to it, and a diagnosis finds both thresholds from latencies: that is their point.
     known = {
         "pulse_width": {"test pulse_too_short"},
+        "challenge": {"square_shows_other_threshold"},
         "paper_square": {"square_shows_other_threshold", "square_cannot_tell_thresholds"},
     }
     assert set(_kinds(report)) == known.get(name, set())
