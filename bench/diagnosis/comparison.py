@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.diagnosis.fit import fit
 from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import error_of, values_of, worst_of
-from bench.diagnosis.result import Step
+from bench.diagnosis.judging import step_of
+from bench.diagnosis.residuals import slope_of
 from bench.diagnosis.session import open_session
 
 if TYPE_CHECKING:
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.fit import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.residuals import Measured
+    from bench.diagnosis.result import Step
     from bench.diagnosis.views.base import Part
     from bench.store import Run
     from sim_backend.pixel.model import PixelModel
@@ -32,10 +32,6 @@ if TYPE_CHECKING:
     ResidualsByStep = Mapping[int, tuple[Sequence["Residual"], Floats | None]]
 
 __all__ = ["Comparison", "Residual", "compare", "correlation_of", "residuals_by_step", "residuals_of"]
-
-#: Statistics with a larger standard error were not measured, or are not predicted.
-_KNOWN: Final = 1e5
-_ANSCOMBE: Final = 0.375
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,15 +91,10 @@ def compare(
     with open_session(runs, model, workforce) as session:
         problem = session.problem
         say("fitting the model")
-        start = problem.start(session.model, by_eye=session.by_eye)
-        found = fit(problem, session.model, problem.slots_of(session.model), start, seed=seed)
-        effects = dict.fromkeys([*(s.free.owner for s in found.slots), *(e.id for e in found.model.effects)])
-        step = Step(
-            0, None, tuple(effects), error_of(problem, found), values_of(problem, found), (), worst_of(problem, found)
-        )
+        found = session.fit(seed)
         shown = residuals_of(problem, found)
         mutual = correlation_of(problem, found)
-        return Comparison(session.ids, findings_of(problem), step, shown, mutual, found.model)
+        return Comparison(session.ids, findings_of(problem), step_of(problem, found), shown, mutual, found.model)
 
 
 def residuals_of(problem: Problem, one: Fit) -> tuple[Residual, ...]:
@@ -136,20 +127,14 @@ def residuals_by_step(problem: Problem, fits: Sequence[Fit]) -> ResidualsByStep:
 
 def _known(one: Fit) -> list[int]:
     """Return the places of the statistics that say something."""
-    return np.flatnonzero(one.deviation < _KNOWN).tolist()
+    return np.flatnonzero(one.known).tolist()
 
 
 def _in_their_unit(of: Measured, one: Fit) -> Floats:
     """Return the standard errors in the unit of the label: shares and counts were transformed."""
-    sigma = np.asarray(one.deviation * math.sqrt(one.scale))
-    for i, label in enumerate(of.labels):
-        n, expected = of.bottom[i], float(np.nan_to_num(one.ratio[i]))
-        if label.kind == "share" and n > 0.0:
-            share = (expected * n + _ANSCOMBE) / (n + 2.0 * _ANSCOMBE)
-            sigma[i] *= math.sqrt(max(share * (1.0 - share), 0.0) / n)
-        elif label.kind == "count" and n > 0.0:
-            sigma[i] *= math.sqrt(max(expected * n, 0.0) + _ANSCOMBE) / n
-    return sigma
+    sigma = np.asarray(one.deviation * math.sqrt(one.caution))
+    slope = slope_of(of.labels, one.ratio, of.bottom)
+    return np.where(slope > 0.0, sigma / np.where(slope > 0.0, slope, 1.0), sigma)
 
 
 def correlation_of(problem: Problem, one: Fit) -> Floats:

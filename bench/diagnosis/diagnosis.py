@@ -12,13 +12,13 @@ import numpy as np
 
 from bench.compute import Workforce
 from bench.diagnosis.catalogue import candidates
-from bench.diagnosis.fit import approach, finish, fit
+from bench.diagnosis.fit import approach, finish
 from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import deviance, error_of, excess, freedom, values_of, worst_of
+from bench.diagnosis.judging import deviance, excess, freedom, step_of
 from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import Found, needless, refitted, separation, without
 from bench.diagnosis.remainder import remainder_of
-from bench.diagnosis.result import Candidate, Outcome, Step
+from bench.diagnosis.result import Candidate, Outcome
 from bench.diagnosis.screen import probe, score
 from bench.diagnosis.session import open_session
 from bench.store import Run
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.fit import Fit
     from bench.diagnosis.problem import Problem
-    from bench.diagnosis.result import Verdict
+    from bench.diagnosis.result import Step, Verdict
     from bench.diagnosis.screen import Scores
     from bench.diagnosis.session import Session
     from sim_backend.pixel.model import PixelModel
@@ -175,7 +175,7 @@ class Diagnosis:
         state = self._all()[-1]
         found = self._refitted(state, [effect_id])[0]
         self._states.append(self._look(found.fit, effect_id, self._share(state, found)))
-        return self.steps[-1]
+        return self._last_step()
 
     def undo(self) -> Step:
         """Take the last effect out again.
@@ -188,7 +188,7 @@ class Diagnosis:
         if len(self._all()) == 1:
             raise InputError("nothing was added; there is nothing to take back")
         self._states.pop()
-        return self.steps[-1]
+        return self._last_step()
 
     def run(self, most: int = 3) -> Outcome:
         """Add what is missing, step by step, until nothing more is significant; drop what is needless."""
@@ -227,15 +227,8 @@ class Diagnosis:
     def _all(self) -> list[_State]:
         """Return the states, of which there is at least one."""
         if not self._states:
-            problem, model = self.problem, self._session.model
             self._say("fitting the model")
-            first = fit(
-                problem,
-                model,
-                problem.slots_of(model),
-                problem.start(model, by_eye=self._session.by_eye),
-                seed=self._seed,
-            )
+            first = self._session.fit(self._seed)
             self._states.append(self._look(first, None, 0.0))
         return self._states
 
@@ -357,6 +350,9 @@ class Diagnosis:
         sure = (s.added for s in states[1:] if s.added is not None and (nearly or s.fall > _SURE))
         return "unexplained", tuple(sure)
 
+    def _last_step(self) -> Step:
+        return self._step(len(self._states) - 1, self._states[-1])
+
     def _step(self, number: int, state: _State) -> Step:
         scores = state.scores
         before = deviance(self.problem, state.fit)
@@ -375,16 +371,7 @@ class Diagnosis:
                     _smallest(scores, int(i)),
                 )
             )
-        effects = dict.fromkeys([*(s.free.owner for s in state.fit.slots), *(e.id for e in state.fit.model.effects)])
-        return Step(
-            number,
-            state.added,
-            tuple(effects),
-            error_of(self.problem, state.fit),
-            values_of(self.problem, state.fit),
-            tuple(rows),
-            worst_of(self.problem, state.fit),
-        )
+        return step_of(self.problem, state.fit, number, state.added, rows)
 
 
 def _smallest(scores: Scores, i: int) -> float | None:

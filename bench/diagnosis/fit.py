@@ -75,6 +75,8 @@ _WIDE: Final = 4.0
 _NARROWER: Final = 0.5
 #: A fit ends when a step would lower the loss by less than this.
 _SMALL: Final = 1.0
+#: A larger standard error stands for a statistic that was not measured, or is not predicted.
+_KNOWN: Final = 1e5
 #: Combinations of statistics that hardly vary are left out: their rows are zero.
 _LIVE: Final = 1e-5
 
@@ -97,6 +99,11 @@ class Fit:
     frozen: Floats | None = None  #: (k,) variance of the coordinates from what is frozen in the pixels of all points
     common: float = 1.0
     """Variance of what several points have in common, beside that of each: they were simulated as one."""
+
+    @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """(n,) which statistics say something: they were measured, and are predicted."""
+        return self.deviation < _KNOWN
 
     @property
     def caution(self) -> float:

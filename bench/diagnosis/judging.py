@@ -8,13 +8,26 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.fit import live, prior_precision, solve
-from bench.diagnosis.result import Error, Misfit, Value
+from bench.diagnosis.result import Error, Misfit, Step, Value
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bench.diagnosis.fit import Fit
     from bench.diagnosis.problem import Problem
+    from bench.diagnosis.result import Candidate
 
-__all__ = ["deviance", "error_of", "excess", "freedom", "heldout", "values_of", "worst_of"]
+__all__ = [
+    "deviance",
+    "error_of",
+    "excess",
+    "freedom",
+    "heldout",
+    "more_than_chance",
+    "step_of",
+    "values_of",
+    "worst_of",
+]
 
 _FOLDS: Final = 5
 _WORST: Final = 5
@@ -40,8 +53,28 @@ def freedom(one: Fit) -> int:
 
 def excess(problem: Problem, one: Fit) -> float:
     """Return by how many standard deviations the deviance is larger than that of a true model."""
-    n = freedom(one)
-    return (deviance(problem, one) - n) / math.sqrt(2.0 * n * _HEAVY)
+    return more_than_chance(deviance(problem, one), freedom(one))
+
+
+def more_than_chance(squares: float, n: int) -> float:
+    """Return by how many standard deviations a sum of `n` squares is larger than that of a true model's residuals."""
+    return (squares - n) / math.sqrt(2.0 * n * _HEAVY)
+
+
+def step_of(
+    problem: Problem, one: Fit, number: int = 0, added: str | None = None, candidates: Sequence[Candidate] = ()
+) -> Step:
+    """Return a fitted model as a step of a diagnosis, with what it may lack."""
+    effects = dict.fromkeys([*(s.free.owner for s in one.slots), *(e.id for e in one.model.effects)])
+    return Step(
+        number,
+        added,
+        tuple(effects),
+        error_of(problem, one),
+        values_of(problem, one),
+        tuple(candidates),
+        worst_of(problem, one),
+    )
 
 
 def error_of(problem: Problem, one: Fit) -> Error:

@@ -12,7 +12,7 @@ from bench.diagnosis.catalogue import probe_of
 from bench.diagnosis.fit import approach, finish, further
 from bench.diagnosis.judging import deviance
 from bench.diagnosis.problem import Slot
-from bench.diagnosis.screen import beyond
+from bench.diagnosis.screen import basis_of, beyond
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,9 +93,8 @@ def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
     """
     a, b = (problem.models(f.fit.model, f.fit.slots, f.fit.x) for f in (one, other))
     halves = next(problem.changes(a, [b], seed, _EFFORT))
-    first, second = (
-        beyond(one.fit, problem, one.fit.whiten(half, problem.measured.points)[:, None])[:, 0] for half in halves
-    )
+    basis = basis_of(one.fit, problem)
+    first, second = (beyond(basis, one.fit.whiten(half, problem.measured.points)[:, None])[:, 0] for half in halves)
     # The product of both halves has no chance in its mean; its standard error follows from their difference.
     chance = float(np.sum((first - second) ** 2)) / (2.0 * math.sqrt(len(first)))
     return math.sqrt(max(float(first @ second) - _SURELY * chance, 0.0))

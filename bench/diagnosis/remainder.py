@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.fit import live
+from bench.diagnosis.judging import more_than_chance
 from bench.diagnosis.result import Remainder
 
 if TYPE_CHECKING:
@@ -23,8 +24,6 @@ __all__ = ["remainder_of"]
 _SHOWN: Final = 6
 #: Groups whose squares are larger than chance by fewer standard deviations are not named.
 _CLEAR: Final = 4.0
-#: The variance of a sum of squares is this much more than that of normal numbers.
-_HEAVY: Final = 1.25
 
 _OF_POINTS: Final[dict[str, Callable[[PointData], str]]] = {
     "illuminance": lambda p: f"{p.baseline_lux:.3g} lux",
@@ -55,21 +54,16 @@ def remainder_of(problem: Problem, one: Fit) -> tuple[Remainder, ...]:
             squares.setdefault(name(point), []).extend(r * r)
         found += [_group(axis, where, values) for where, values in squares.items()]
     z = one.z
-    known = one.deviation < _UNKNOWN
     for axis, of in _OF_STATISTICS.items():
         squares = {}
-        for i in np.flatnonzero(known):
+        for i in np.flatnonzero(one.known):
             squares.setdefault(of(problem.measured.labels[i]), []).append(float(z[i] ** 2))
         found += [_group(axis, where, values) for where, values in squares.items()]
     clear = [r for r in found if r.z > _CLEAR]
     return tuple(sorted(clear, key=lambda r: -r.z)[:_SHOWN])
 
 
-#: A standard error that stands for a statistic that is not known.
-_UNKNOWN: Final = 1e5
-
-
 def _group(axis: str, where: str, squares: list[float]) -> Remainder:
     n = len(squares)
     total = float(np.sum(squares))
-    return Remainder(axis, where, math.sqrt(total / n), (total - n) / math.sqrt(2.0 * n * _HEAVY))
+    return Remainder(axis, where, math.sqrt(total / n), more_than_chance(total, n))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Expectation", "Measured", "expectation", "measured"]
+__all__ = ["Expectation", "Measured", "expectation", "measured", "slope_of"]
 
 _ANSCOMBE: Final = 0.375
 #: A transformed share or count scatters by no less than this, whatever the simulated pixels did.
@@ -93,7 +93,7 @@ def expectation(of: Measured, summaries: Sequence[Summary], share: float = 1.0) 
         labels, bottom = of.labels[where], of.bottom[where]
         ratio = summary.ratio
         each = summary.bottom / summary.recordings
-        slope = _slope(labels, ratio, bottom)
+        slope = slope_of(labels, ratio, bottom)
         with np.errstate(invalid="ignore", divide="ignore"):
             # The scatter is that of as many trials as were measured, not of as many as were simulated.
             scale = np.sqrt(np.where(bottom > 0.0, each / np.where(bottom > 0.0, bottom, 1.0), 1.0))
@@ -120,7 +120,7 @@ def _transform(labels: Sequence[Label], ratio: Floats, bottom: Floats) -> Floats
     return value
 
 
-def _slope(labels: Sequence[Label], ratio: Floats, bottom: Floats) -> Floats:
+def slope_of(labels: Sequence[Label], ratio: Floats, bottom: Floats) -> Floats:
     """Return the derivative of the transformed value by the ratio."""
     slope = np.ones(len(labels))
     known = np.nan_to_num(ratio)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Probe", "Scores", "beyond", "probe", "score"]
+__all__ = ["Probe", "Scores", "basis_of", "beyond", "probe", "score"]
 
 #: Sizes at which an effect is probed, beside that of the catalogue, in its coordinate, and the effort of each: where
 #: the model is far off, and where what may be missing is small.
@@ -106,13 +106,13 @@ def _null(effect: type[Effect], free: Free) -> float:
     return 0.0 if null is None else null
 
 
-def beyond(fit: Fit, problem: Problem, columns: Floats) -> Floats:
-    """Return what is left of columns when the free numbers have taken up what they can."""
-    basis = _basis(fit, problem)
+def beyond(basis: Floats, columns: Floats) -> Floats:
+    """Return what is left of columns when the free numbers have taken up what they can: see :func:`basis_of`."""
     return columns - basis @ (basis.T @ columns)
 
 
-def _basis(fit: Fit, problem: Problem) -> Floats:
+def basis_of(fit: Fit, problem: Problem) -> Floats:
+    """Return orthonormal columns: what the free numbers of a fit can take up."""
     j = fit.whiten(fit.jacobian.mean(axis=0), problem.measured.points)
     lengths = np.linalg.norm(j, axis=0)
     u, s, _ = np.linalg.svd(j[:, lengths > 0.0] / lengths[lengths > 0.0], full_matrices=False)
@@ -126,17 +126,19 @@ def score(problem: Problem, fit: Fit, probes: Sequence[Sequence[Probe]], seed: i
     missing: their scores are normal, with the covariance of the directions (parametric bootstrap).
     """
     residual = fit.whiten(fit.residual, problem.measured.points)
-    alone = _explain(problem, fit, residual, None)[2]
+    basis = basis_of(fit, problem)
+    jacobian = fit.whiten(fit.jacobian.mean(axis=0), problem.measured.points)
+    alone = _explain(fit, jacobian, residual, None)[2]
     chosen, drops, sizes, bases = [], [], [], []
     for several in probes:
-        tried = [_explain(problem, fit, residual, one) for one in several]
+        tried = [_explain(fit, jacobian, residual, one) for one in several]
         best = int(np.argmax([fall for _, _, fall in tried]))
         chosen.append(several[best])
         bases.append(tried[best][0])
         sizes.append(tried[best][1])
         drops.append(max(tried[best][2] - alone, 0.0))
-    rest = beyond(fit, problem, residual[:, None])[:, 0]
-    spans = [[beyond(fit, problem, one.change[s]) for s in range(2)] for one in chosen]
+    rest = beyond(basis, residual[:, None])[:, 0]
+    spans = [[beyond(basis, one.change[s]) for s in range(2)] for one in chosen]
     means = [0.5 * (a + b) for a, b in spans]
     rest /= math.sqrt(fit.common)
     ps = np.array([_score(one, mean, mean.T @ rest) for one, mean in zip(chosen, means, strict=True)])
@@ -152,9 +154,11 @@ def score(problem: Problem, fit: Fit, probes: Sequence[Sequence[Probe]], seed: i
     )
 
 
-def _explain(problem: Problem, fit: Fit, residual: Floats, one: Probe | None) -> tuple[Floats, Floats, float]:
-    """Return the expected changes of the free numbers, coordinates of the effect, and fall of the loss."""
-    halves = np.stack([fit.whiten(j, problem.measured.points) for j in fit.jacobian])
+def _explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> tuple[Floats, Floats, float]:
+    """Return the expected changes of the free numbers, coordinates of the effect, and fall of the loss.
+
+    `columns`, (n, b), are the whitened changes by the free numbers.
+    """
     longest = longest_of(fit.slots, fit.x)
     low, high = (np.array([s.free.range[end] for s in fit.slots]) for end in (0, 1))
     lowest, highest = np.maximum(low - fit.x, -longest), np.minimum(high - fit.x, longest)
@@ -162,12 +166,12 @@ def _explain(problem: Problem, fit: Fit, residual: Floats, one: Probe | None) ->
     k = len(longest)
     if one is not None:
         m = len(one.free)
-        halves = np.concatenate([halves, one.change], axis=2)
+        columns = np.concatenate([columns, one.change.mean(axis=0)], axis=1)
         signed = np.array([f.range[0] < 0.0 for f in one.free])
         lowest = np.append(lowest, np.where(signed, -_BEYOND, 0.0))
         highest = np.append(highest, np.full(m, _BEYOND))
         precision, towards = np.append(precision, np.zeros(m)), np.append(towards, np.zeros(m))
-    c, fall = robust.solve(halves.mean(axis=0), residual, precision, towards, lowest, highest)
+    c, fall = robust.solve(columns, residual, precision, towards, lowest, highest)
     at = np.array(one.at if one is not None else ())
     return c[:k], c[k:] * at, fall
 

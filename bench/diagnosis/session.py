@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.compute import Workforce
+from bench.diagnosis.fit import fit
 from bench.diagnosis.forward import Forward
 from bench.diagnosis.problem import Problem
 from bench.models.simulation import on_sensor
@@ -18,6 +19,7 @@ from sim_backend.pixel.model import PixelModel
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from bench.diagnosis.fit import Fit
     from bench.store import Run
     from bench.store.data import PointData
 
@@ -50,6 +52,11 @@ class Session:
         self.problem = problem
         self.model = model
         self.by_eye = by_eye
+
+    def fit(self, seed: int) -> Fit:
+        """Return the model with its free numbers fitted."""
+        start = self.problem.start(self.model, by_eye=self.by_eye)
+        return fit(self.problem, self.model, self.problem.slots_of(self.model), start, seed=seed)
 
 
 @contextmanager

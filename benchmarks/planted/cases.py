@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.parameters import Free
     from sim_backend.pixel.effects import Effect
 
-__all__ = ["KINDS", "Case", "Kind", "Plan", "cases", "dozen", "known_effects", "plantable", "without"]
+__all__ = ["KINDS", "Case", "Kind", "Plan", "cases", "dozen", "known_effects", "plantable"]
 
 Kind = Literal["single", "several", "none", "outside"]
 KINDS: Final[dict[Kind, int]] = {"single": 126, "several": 60, "none": 60, "outside": 60}
@@ -297,8 +297,3 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
-
-
-def without(case: Case, effect_id: str) -> PixelModel:
-    """Return the truth of a case without one of its effects."""
-    return replace(case.model, effects=tuple(e for e in case.model.effects if e.id != effect_id))

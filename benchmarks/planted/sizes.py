@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import candidates, free_of, probe_of
+from bench.diagnosis.catalogue import candidates, probe_of
 from bench.diagnosis.parameters import base_parameters, get, move, put
 from bench.diagnosis.recording import Frame, Recording
+from bench.diagnosis.refit import without
 from bench.diagnosis.residuals import expectation, measured
+from bench.diagnosis.screen import switches
 from bench.diagnosis.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import on_sensor, recording_seed, simulate_point
-from benchmarks.planted.cases import without
 from benchmarks.planted.runs import ROI, SENSOR, planned_points
 from protocols.points import Roi
 from sim_backend.pixel import FastEngine
@@ -152,7 +153,7 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
     size: dict[str, float] = {}
     nearest: tuple[str | None, float | None] = None, None
     for effect_id in case.planted:
-        rest = without(case, effect_id)
+        rest = without(case.model, effect_id)
         first, second = truth.apart(rest)
         base, prior = _base_changes(truth, rest)
         size[effect_id] = truth.bench.scale * _root(fall(first, second, base, prior))
@@ -207,10 +208,9 @@ def _nearest(
     known = [e for e in candidates(model, truth.bench.points) if e.id not in (planted, *_SLOW)]
     left: dict[str, float] = {}
     for cls in known:
-        switches = [f for f in free_of(cls) if f.scale != "log"]
         column = truth.changes(model, [model + probe_of(cls)], [1.0])
         rest = fall(*apart, np.concatenate([base, column], axis=1), np.append(prior, 0.0))
-        if switches[0].range[0] >= 0.0 and not _is_along(column[:, 0], apart, base, prior):
+        if switches(cls)[0].range[0] >= 0.0 and not _is_along(column[:, 0], apart, base, prior):
             rest = fall(*apart, base, prior)
         left[cls.id] = _root(rest)
     best = min(left, key=lambda i: left[i])
