@@ -66,7 +66,7 @@ class ChipLight:
         lux: npt.NDArray[np.float64] = self._sampler.lux_at(n)
         factor = self._factor(n)
         if factor is not None:
-            room = self._room_lux[self._sampler.segments(n)]
+            room = self._room_lux if self._room_lux.size == 1 else self._room_lux[self._sampler.segments(n)]
             lux = np.asarray(np.where(lux > room, lux - room, 0.0) * factor + room)
         lux = np.asarray(lux + self._chain.stray_lux)
         for hook in self._chain.hooks.light:
@@ -103,10 +103,13 @@ class ChipLight:
         if not _has_factor(chain):
             return None
         t_s = n * self._dt_s
-        turns = np.remainder(chain.flicker_hz * t_s, 1.0)
-        drift = np.maximum(1.0 + chain.drift_per_s * t_s, 0.0)
-        flicker = 1.0 + chain.flicker_depth * np.sin(2.0 * math.pi * turns + self._phase)
-        return np.asarray(drift * flicker * self._nd_factor[self._sampler.segments(n)])
+        factor: npt.NDArray[np.float64] = self._nd_factor[self._sampler.segments(n)]
+        if chain.flicker_depth != 0.0:
+            turns = np.remainder(chain.flicker_hz * t_s, 1.0)
+            factor = (1.0 + chain.flicker_depth * np.sin(2.0 * math.pi * turns + self._phase)) * factor
+        if chain.drift_per_s != 0.0:
+            factor = np.maximum(1.0 + chain.drift_per_s * t_s, 0.0) * factor
+        return factor
 
 
 def _has_factor(chain: Chain) -> bool:

@@ -47,6 +47,18 @@ def test_both_engines_have_one_distribution_of_events(name: str) -> None:
     assert min(found.values()) > FAMILY_LEVEL / (len(QUICK) * len(found)), found
 
 
+@pytest.mark.slow
+def test_noise_in_the_memory_of_a_slow_high_pass_is_not_missed() -> None:
+    one = setting("high-pass")
+    quiet = FastEngine(quiet_high_pass=0.01)
+    pulses = one.pulses(ROI, 2500 * 0.2)
+    pair = [one.events(e, pulses, seed) for e, seed in ((ReferenceEngine(), 1), (quiet, 2))]
+    found = p_values(pair[0], pair[1], pulses)
+    assert min(found.values()) > FAMILY_LEVEL / len(found), found
+    faster = dataclasses.replace(quiet, quiet_high_pass=1e-4)  # the corner is above it: left to the reference engine
+    assert np.array_equal(one.events(faster, pulses, 1), pair[0])
+
+
 def wrong_threshold(model: PixelModel) -> PixelModel:
     return dataclasses.replace(model, theta_on=1.01 * model.theta_on, theta_off=1.01 * model.theta_off)
 

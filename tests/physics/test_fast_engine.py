@@ -189,6 +189,34 @@ def test_what_the_fast_engine_cannot_walk_is_left_to_the_reference_engine(effect
     assert np.array_equal(fast, reference) == (effect_id in LEFT)
 
 
+def test_what_a_high_pass_takes_off_is_that_of_the_light() -> None:
+    """The table of one dark current in two stretches, against the two filters of the textbook over all of it."""
+    from scipy.signal import lfilter
+
+    corner_hz, high_hz, dt_s, rms = 200.0, 20.0, 1e-4, 0.05
+    rng = np.random.default_rng(5)
+    starts = np.concatenate([[0], np.cumsum(rng.integers(300, 900, size=9))])
+    light = LightHistory(starts * dt_s, LUX * np.exp(rng.normal(size=10)))
+    model = dataclasses.replace(noisy(corner_hz, 1e-2), noise_rms=rms)
+    chain = build_chain(model + effect_from_dict("high_pass", {"corner_hz": high_hz}), Roi(0, 0, 1, 1), 1)
+    walk = OnePole(chain, light, dt_s, 1)
+    samples = 2 * UNIT
+    level = np.log(light.lux / light.lux[0]) / rms
+    segment = np.searchsorted(starts, np.arange(samples), side="right") - 1
+    rho, high = math.exp(-2.0 * math.pi * corner_hz * dt_s), math.exp(-2.0 * math.pi * high_hz * dt_s)
+    passed = lfilter([1.0 - rho], [1.0, -rho], level[segment])
+    expected = passed - lfilter([1.0 - high], [1.0, -high], passed)
+    # The kernel forgets what was there at an edge, with the low-pass: what it held, less the settled level.
+    for first, stop in ((1, UNIT), (UNIT, samples)):
+        walk.prepare(first, stop)
+        table, _, _, shift, _ = walk._moving.table
+        for n in range(first, stop):
+            k = segment[n]
+            edge = starts[k] - 1 if k else 0
+            left = (expected[edge] - level[k]) * rho ** (n - edge)
+            assert level[k] + left + table[0, n - shift[k]] == pytest.approx(expected[n], abs=1e-9)
+
+
 def test_an_injection_offset_moves_both_thresholds() -> None:
     light, roi = square(0.4), Roi(10, 20, 4, 4)
     model = noisy(200.0, 1e-2)

@@ -77,10 +77,15 @@ class FastEngine:
         Length of a sample, s.
     threads
         Number of threads; None for as many as there are processors for this process.
+    quiet_high_pass
+        Up to this corner of a high-pass, beside that of the source follower, what it remembers of the noise is left
+        out, and only its share of the variance is taken off. That is some two hundred times as fast, and no longer
+        the same distribution: of the variance of the noise that share is not slow any more.
     """
 
     dt_s: float = 1e-5
     threads: int | None = None
+    quiet_high_pass: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.dt_s < math.inf:
@@ -101,18 +106,30 @@ class FastEngine:
         from sim_backend.pixel.engines.two_poles import TwoPoles
 
         chain = _with_injection_in_thresholds(chain)
-        fast = is_faster(chain, self.dt_s)
+        one_pole = _without_noise_in_high_pass(chain, self.quiet_high_pass)
+        fast = is_faster(chain if one_pole is None else replace(one_pole, high_pass_hz=0.0), self.dt_s)
         if fast.any() and _leak_follows_moving_light(chain, light):
             fast[:] = False
         streams: list[Crossings] = []
         if fast.any():
             kind = TwoPoles if _has_more_than_one_pole(chain) else OnePole
-            walk = kind(_some_pixels(chain, fast), light, self.dt_s, seed)
+            walk = kind(_some_pixels(one_pole or chain, fast), light, self.dt_s, seed)
             streams.append(crossings(walk, samples_before(duration_s, self.dt_s), self.threads))
         if not fast.all():
             reference = ReferenceEngine(dt_s=self.dt_s, threads=self.threads)
             streams.append(reference.crossings(_some_pixels(chain, ~fast), light, duration_s, seed))
         return streams[0] if len(streams) == 1 else together(streams)
+
+
+def _without_noise_in_high_pass(chain: Chain, most: float) -> Chain | None:
+    """Return the chain with the noise that a high-pass leaves over, if its corner is low enough and nothing is slow.
+
+    Of the variance of noise behind a low-pass of corner f, a high-pass of corner h leaves the share f / (f + h).
+    """
+    if not 0.0 < chain.high_pass_hz <= most * chain.corner_hz or _has_more_than_one_pole(chain):
+        return None
+    left = chain.corner_hz / (chain.corner_hz + chain.high_pass_hz)
+    return replace(chain, noise_rms=chain.noise_rms * math.sqrt(left))
 
 
 def _with_injection_in_thresholds(chain: Chain) -> Chain:

@@ -1,4 +1,4 @@
-"""What the low-pass makes of moving light, for a few dark currents, stretch by stretch."""
+"""What low-pass and high-pass make of the light, for a few dark currents, stretch by stretch."""
 
 from __future__ import annotations
 
@@ -37,17 +37,23 @@ class MovingLight:
         Pixels and light of the recording.
     fade
         Factor of the low-pass for a sample.
+    high_share
+        What the high-pass learns in a sample; 0 without one.
     """
 
-    def __init__(self, chain: Chain, on_chip: ChipLight, segments: Segments, fade: float) -> None:
+    def __init__(
+        self, chain: Chain, on_chip: ChipLight, segments: Segments, fade: float, high_share: float = 0.0
+    ) -> None:
         self._on_chip = on_chip
         self._segments = segments
         self._fade = fade
+        self._high_share = high_share
         self._rms = chain.noise_rms
         dark_lux = chain.dark_fa / chain.gain_fa_per_lux
         self._lowest_lux = LOWEST_CURRENT_FA / float(np.max(chain.gain_fa_per_lux))
         self._dark_lux, self.place = _nodes(dark_lux, float(np.min(segments.lux)))
-        self._carried = np.zeros(len(self._dark_lux))
+        self._state: Floats | None = None
+        self._start_lux = float(on_chip.lux(0, 1)[0])
         self._shift = np.zeros(len(segments.lux), np.int64)
         nothing = np.zeros((1, 1))
         #: Table, lows and highs; shift of each segment; no block goes beyond a multiple of so many samples.
@@ -77,14 +83,14 @@ class MovingLight:
         samples = np.repeat(first - np.cumsum(last - first + 1) + (last - first + 1), last - first + 1)
         samples += np.arange(len(samples))
         goes_on = len(first) > 0 and first[0] > self._segments.first[segment[0]]
+        if self._state is None:
+            self._state = np.zeros((shape[0], moving_kernels.KEPT))
         moving_kernels.follow(
-            np.stack([first, last, shift], axis=1), self._on_chip.lux_at(samples), self._segments.lux[segment],
-            self._dark_lux, self._lowest_lux, self._fade, self._rms,
-            self._carried if goes_on else np.zeros(shape[0]), table, lows, highs,
+            np.stack([first, last, shift], axis=1), goes_on, stop - 2, self._on_chip.lux_at(samples),
+            self._segments.lux[segment], self._start_lux, self._dark_lux, self._lowest_lux, self._fade,
+            self._high_share, self._rms, self._state, table, lows, highs,
         )  # fmt: skip
         self.table = (table, lows, highs, self._shift, UNIT)
-        before = (first < stop - 1) & (last >= stop - 2)  # the run that the next stretch may go on with
-        self._carried = table[:, stop - 2 - shift[before][-1]].copy() if before.any() else np.zeros(shape[0])
 
     def _runs(self, begin: int, beyond: int) -> tuple[Whole, Whole, Whole]:
         """Return the segments with moving light from `begin` to `beyond` - 1; its first and last sample in each."""

@@ -42,7 +42,10 @@ _PIXEL_SAMPLES: Final = 1 << 27
 
 
 class OnePole:
-    """The pixels of one recording; see :class:`sim_backend.pixel.engines.stretches.Walk`."""
+    """The pixels of one recording; see :class:`sim_backend.pixel.engines.stretches.Walk`.
+
+    Of a high-pass, what it remembers of the light is taken off; it remembers no noise.
+    """
 
     def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
         from sim_backend.pixel.engines import fast_kernels
@@ -53,12 +56,13 @@ class OnePole:
         self._key = tuple(np.uint32(word) for word in split_seed(seed))
         self._rate = 2.0 * math.pi * chain.corner_hz * dt_s
         on_chip = ChipLight(chain, light, dt_s, seed)
-        self._segments = segments_of(on_chip, chain.noise_rms, dt_s)
+        self._segments = segments_of(on_chip, chain.noise_rms, dt_s, restless=chain.high_pass_hz > 0.0)
         leaks = chain.leak_per_s_per_lux * self._segments.lux * (dt_s / chain.noise_rms)
         self._light = (self._segments.first, self._segments.until, self._segments.lux, leaks)
         self._factors = block_factors(self._rate)
         self._settle, self._tables = self._hazard()
-        self._moving = MovingLight(chain, on_chip, self._segments, math.exp(-self._rate))
+        high_share = -math.expm1(-2.0 * math.pi * chain.high_pass_hz * dt_s)
+        self._moving = MovingLight(chain, on_chip, self._segments, math.exp(-self._rate), high_share)
         self.stretch_samples = self._stretch_samples()
         self._pixel = pixel_ids(chain.x, chain.y)
         self.order, self._place = places(chain)

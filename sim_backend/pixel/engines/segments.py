@@ -38,7 +38,7 @@ class Segments:
         return bool(np.any(self.until >= self.first[:-1]))
 
 
-def segments_of(on_chip: ChipLight, noise_rms: float, dt_s: float) -> Segments:
+def segments_of(on_chip: ChipLight, noise_rms: float, dt_s: float, *, restless: bool = False) -> Segments:
     """Return the segments of a recording.
 
     Parameters
@@ -49,10 +49,12 @@ def segments_of(on_chip: ChipLight, noise_rms: float, dt_s: float) -> Segments:
         The smaller the noise (ln units), the longer it takes until nothing of an edge can be seen.
     dt_s
         Length of a sample, s.
+    restless
+        What the pixel makes of the light never settles, even if the light does.
     """
     first = on_chip.first
     lux = on_chip.settled_lux
-    if on_chip.never_settles:
+    if on_chip.never_settles or restless:
         until = np.full(len(first), LAST)
     else:
         until = first - 1
