@@ -10,6 +10,7 @@ import numpy as np
 
 from bench.analysis.tally import active_pixels, observed_s, outside_gaps
 from bench.analysis.windows import test_windows, window_of
+from bench.models.simulation import recorded_light
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from bench.analysis.windows import TestGroup, TestWindows
     from bench.store.data import PointData
+    from sim_backend.pixel.light import LightHistory
 
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
@@ -41,6 +43,11 @@ class Frame:
         for group in range(len(self.windows.groups)):
             mine = np.flatnonzero(self.windows.group == group)
             self.local[mine] = np.arange(mine.size)
+
+    @cached_property
+    def light(self) -> LightHistory:
+        """The light of the point."""
+        return recorded_light(self.point)
 
     @property
     def constant(self) -> bool:

@@ -7,6 +7,7 @@ honest: one event where 0.05 are expected is no discovery.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from bench.diagnosis.summary import Label, Summary
 
     Floats = npt.NDArray[np.float64]
+    Flags = npt.NDArray[np.bool_]
 
-__all__ = ["Expectation", "Measured", "expectation", "measured", "slope_of"]
+__all__ = ["Expectation", "Kinds", "Measured", "Scatter", "expectation", "measured", "slope_of"]
 
 _ANSCOMBE: Final = 0.375
 #: A transformed share or count scatters by no less than this, whatever the simulated pixels did.
@@ -33,7 +35,7 @@ _SHRINK: Final = 0.9
 _NOTHING: Final = 1e12
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Measured:
     """The statistics of a run."""
 
@@ -44,6 +46,31 @@ class Measured:
     value: Floats  #: (n,) transformed
     variance: Floats  #: (n,) of the ratio, from the scatter between the clusters of the run
 
+    @cached_property
+    def kinds(self) -> Kinds:
+        """What kind of statistic each is."""
+        return Kinds.of(self.labels)
+
+
+@dataclass(frozen=True, slots=True)
+class Kinds:
+    """The kinds of n statistics, as masks."""
+
+    share: Flags
+    count: Flags
+    mean: Flags
+    array: Flags  #: they are not known from a part of the pixels
+    least: Floats  #: what one rare event changes each by
+
+    @classmethod
+    def of(cls, labels: Sequence[Label]) -> Kinds:
+        """Sort statistics by what they are about."""
+        share, count, mean = (
+            np.array([label.kind == kind for label in labels], np.bool_) for kind in ("share", "count", "mean")
+        )
+        array = np.array([label.of_array or label.by_pulse for label in labels], np.bool_)
+        return cls(share, count, mean, array, np.array([label.least for label in labels], np.float64))
+
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
@@ -51,7 +78,7 @@ class Expectation:
 
     ratio: Floats  #: (n,) in the label's unit
     value: Floats  #: (n,) transformed
-    covariance: tuple[Floats, ...]  #: (k, k) of each point: of one recording, transformed
+    scatter: Scatter  #: of one recording
     recordings: float  #: simulated ones, which make it uncertain too
 
     @property
@@ -62,22 +89,30 @@ class Expectation:
     @property
     def deviation(self) -> Floats:
         """(n,) standard errors of measured less expected."""
-        return np.concatenate([np.sqrt(np.diag(c) * self.more) for c in self.covariance])
+        return np.concatenate([np.sqrt(np.diag(c) * self.more) for c in self.scatter.covariance])
 
     def roots(self) -> tuple[Floats, ...]:
         """Return for each point the matrix that makes its residuals independent, of unit variance."""
-        return tuple(_whitener(c * self.more) for c in self.covariance)
+        return tuple(_whitener(c * self.more) for c in self.scatter.covariance)
 
 
-def measured(summaries: Sequence[Summary]) -> Measured:
-    """Return the statistics of a run, point after point."""
-    labels = tuple(label for s in summaries for label in s.labels)
-    ends = np.cumsum([0, *(len(s.labels) for s in summaries)])
+def measured(summaries: Sequence[Summary], labels: Sequence[Label] | None = None) -> Measured:
+    """Return the statistics of a run, point after point.
+
+    Parameters
+    ----------
+    labels
+        What they are about, where the run was simulated and its summaries do not say so.
+    """
+    if labels is None:
+        labels = [label for s in summaries for label in s.labels]
+    ends = np.cumsum([0, *(len(s.top) for s in summaries)])
     bottom = np.concatenate([s.bottom for s in summaries]) if summaries else np.empty(0)
     ratio = np.concatenate([s.ratio for s in summaries]) if summaries else np.empty(0)
     variance = np.concatenate([np.diag(s.covariance()) for s in summaries]) if summaries else np.empty(0)
     slices = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
-    return Measured(labels, slices, ratio, bottom, _transform(labels, ratio, bottom), variance)
+    value = _transform(Kinds.of(labels), ratio, bottom)
+    return Measured(tuple(labels), slices, ratio, bottom, value, variance)
 
 
 def expectation(of: Measured, summaries: Sequence[Summary], share: float = 1.0) -> Expectation:
@@ -88,101 +123,94 @@ def expectation(of: Measured, summaries: Sequence[Summary], share: float = 1.0) 
     share
         Of the pixels that was simulated; what depends on their number is not known from a part of them.
     """
-    values, ratios, covariances = [], [], []
-    for where, summary in zip(of.points, summaries, strict=True):
-        labels, bottom = of.labels[where], of.bottom[where]
-        ratio = summary.ratio
-        each = summary.bottom / summary.recordings
-        slope = slope_of(labels, ratio, bottom)
+    ratio = np.concatenate([s.ratio for s in summaries])
+    value = _transform(of.kinds, ratio, of.bottom)
+    return Expectation(ratio, value, Scatter(of, tuple(summaries), ratio, share), summaries[0].recordings * share)
+
+
+class Scatter:
+    """How the statistics of one recording scatter under a model; worked out when it is asked for.
+
+    Parameters
+    ----------
+    of
+        The run.
+    summaries
+        Of the simulated recordings, for each point.
+    ratio
+        (n,) expected, in the label's unit.
+    share
+        Of the pixels that was simulated.
+    """
+
+    def __init__(self, of: Measured, summaries: Sequence[Summary], ratio: Floats, share: float) -> None:
+        self._of, self._summaries, self._ratio, self._share = of, summaries, ratio, share
+
+    @cached_property
+    def covariance(self) -> tuple[Floats, ...]:
+        """(k, k) of each point, transformed."""
+        of, kinds = self._of, self._of.kinds
+        top, simulated = (np.concatenate([getattr(s, end) for s in self._summaries]) for end in ("top", "bottom"))
+        each = simulated / np.repeat([s.recordings for s in self._summaries], [len(s.top) for s in self._summaries])
+        known = of.bottom > 0.0
+        # The scatter is that of as many trials as were measured, not of as many as were simulated.
+        turn = slope_of(kinds, self._ratio, of.bottom) * np.sqrt(
+            np.where(known, each / np.where(known, of.bottom, 1.0), 1.0)
+        )
+        own = [s.covariance() for s in self._summaries]
+        found = np.concatenate([np.diag(c) for c in own]) * turn**2
+        variance = _variance(of, found, simulated, self._ratio)
+        kept = np.sqrt(_SHRINK * _trust(kinds, top, simulated))
         with np.errstate(invalid="ignore", divide="ignore"):
-            # The scatter is that of as many trials as were measured, not of as many as were simulated.
-            scale = np.sqrt(np.where(bottom > 0.0, each / np.where(bottom > 0.0, bottom, 1.0), 1.0))
-        turn = slope * scale
-        covariance = summary.covariance() * np.outer(turn, turn)
-        covariance = _bounded(labels, covariance, bottom, summary, of.ratio[where], of.variance[where])
-        covariances.append(covariance if share >= 1.0 else _without_array(labels, covariance))
-        ratios.append(ratio)
-        values.append(_transform(labels, ratio, bottom))
-    return Expectation(
-        np.concatenate(ratios), np.concatenate(values), tuple(covariances), summaries[0].recordings * share
-    )
+            narrower = np.where((found > variance) | (kinds.mean & (found > 0.0)), np.sqrt(variance / found), 1.0)
+        kept = np.where(variance >= _NOTHING, 0.0, kept * narrower)
+        if self._share < 1.0:
+            variance, kept = np.where(kinds.array, _NOTHING, variance), np.where(kinds.array, 0.0, kept)
+        factor = turn * kept
+        covariances = []
+        for where, c in zip(of.points, own, strict=True):
+            # What a variance was made larger by belongs to that statistic alone.
+            off = c * np.outer(factor[where], factor[where])
+            np.fill_diagonal(off, variance[where])
+            covariances.append(off)
+        return tuple(covariances)
 
 
-def _transform(labels: Sequence[Label], ratio: Floats, bottom: Floats) -> Floats:
-    value = np.nan_to_num(ratio).copy()
-    for i, label in enumerate(labels):
-        n = bottom[i]
-        if label.kind == "share" and n > 0.0:
-            share = (value[i] * n + _ANSCOMBE) / (n + 2.0 * _ANSCOMBE)
-            value[i] = 2.0 * np.sqrt(n + 0.5) * np.arcsin(np.sqrt(min(max(share, 0.0), 1.0)))
-        elif label.kind == "count":
-            value[i] = 2.0 * np.sqrt(max(value[i] * n, 0.0) + _ANSCOMBE)
-    return value
+def _transform(kinds: Kinds, ratio: Floats, bottom: Floats) -> Floats:
+    value = np.nan_to_num(ratio)
+    share = np.clip((value * bottom + _ANSCOMBE) / (bottom + 2.0 * _ANSCOMBE), 0.0, 1.0)
+    angle = 2.0 * np.sqrt(bottom + 0.5) * np.arcsin(np.sqrt(share))
+    root = 2.0 * np.sqrt(np.maximum(value * bottom, 0.0) + _ANSCOMBE)
+    return np.where(kinds.share & (bottom > 0.0), angle, np.where(kinds.count, root, value))
 
 
-def slope_of(labels: Sequence[Label], ratio: Floats, bottom: Floats) -> Floats:
+def slope_of(kinds: Kinds, ratio: Floats, bottom: Floats) -> Floats:
     """Return the derivative of the transformed value by the ratio."""
-    slope = np.ones(len(labels))
     known = np.nan_to_num(ratio)
-    for i, label in enumerate(labels):
-        n = bottom[i]
-        if label.kind == "share":
-            share = (known[i] * n + _ANSCOMBE) / (n + 2.0 * _ANSCOMBE) if n > 0.0 else 0.5
-            slope[i] = np.sqrt(n) / np.sqrt(max(share * (1.0 - share), 1e-12)) if n > 0.0 else 0.0
-        elif label.kind == "count":
-            slope[i] = n / np.sqrt(max(known[i] * n, 0.0) + _ANSCOMBE)
-    return slope
+    share = (known * bottom + _ANSCOMBE) / (bottom + 2.0 * _ANSCOMBE)
+    angle = np.sqrt(bottom / np.maximum(share * (1.0 - share), 1e-12))
+    root = bottom / np.sqrt(np.maximum(known * bottom, 0.0) + _ANSCOMBE)
+    return np.where(kinds.share, angle, np.where(kinds.count, root, 1.0))
 
 
-def _bounded(
-    labels: Sequence[Label], covariance: Floats, bottom: Floats, summary: Summary, ratio: Floats, scatter: Floats
-) -> Floats:
-    """Return the covariance with variances that are not too small, and none where a statistic says nothing."""
-    found = np.diag(covariance).copy()
-    variance = found.copy()
-    simulated, expected = summary.bottom, summary.ratio
-    for i, label in enumerate(labels):
-        if label.kind in ("share", "count"):
-            variance[i] = max(variance[i], _LEAST_VARIANCE) if bottom[i] > 0.0 and simulated[i] > 0.0 else _NOTHING
-        elif label.kind == "mean" and min(bottom[i], simulated[i]) < _FEWEST_EVENTS:
-            variance[i] = _NOTHING
-        elif label.kind in ("mean", "difference"):
-            # Where the model is far off its own scatter is not to be trusted: half of each.
-            variance[i] = 0.5 * (variance[i] + scatter[i]) + 2.0 * label.least**2
-        if not (np.isfinite(ratio[i]) and np.isfinite(expected[i])) or variance[i] <= 0.0:
-            variance[i] = _NOTHING
-    kept = np.sqrt(_SHRINK * _trust(labels, summary))
-    for i, label in enumerate(labels):
-        if variance[i] >= _NOTHING:
-            kept[i] = 0.0
-        elif found[i] > variance[i] or (label.kind == "mean" and found[i] > 0.0):
-            kept[i] *= np.sqrt(variance[i] / found[i])
-    # What a variance was made larger by belongs to that statistic alone.
-    off = covariance * np.outer(kept, kept)
-    np.fill_diagonal(off, variance)
-    return np.asarray(off)
+def _variance(of: Measured, found: Floats, simulated: Floats, expected: Floats) -> Floats:
+    """Return variances that are not too small, and as good as infinite ones where a statistic says nothing."""
+    kinds = of.kinds
+    counted = np.where((of.bottom > 0.0) & (simulated > 0.0), np.maximum(found, _LEAST_VARIANCE), _NOTHING)
+    # Where the model is far off its own scatter is not to be trusted: half of each.
+    mixed = 0.5 * (found + of.variance) + 2.0 * kinds.least**2
+    few = kinds.mean & (np.minimum(of.bottom, simulated) < _FEWEST_EVENTS)
+    variance = np.where(kinds.share | kinds.count, counted, np.where(few, _NOTHING, mixed))
+    usable = np.isfinite(of.ratio) & np.isfinite(expected) & (variance > 0.0)
+    return np.where(usable, variance, _NOTHING)
 
 
-def _trust(labels: Sequence[Label], summary: Summary) -> Floats:
+def _trust(kinds: Kinds, top: Floats, bottom: Floats) -> Floats:
     """Return from 0 to 1 how well the correlations of each statistic are known: not well from few events."""
-    events = np.full(len(labels), np.inf)
-    for i, label in enumerate(labels):
-        if label.kind == "share":
-            events[i] = min(summary.top[i], summary.bottom[i] - summary.top[i])
-        elif label.kind == "count":
-            events[i] = summary.top[i]
-        elif label.kind == "mean":
-            events[i] = summary.bottom[i]
+    events = np.where(kinds.share, np.minimum(top, bottom - top), np.where(kinds.count, top, bottom))
     events = np.maximum(events, 0.0)
-    known = np.isinf(events)
-    return np.asarray(np.where(known, 1.0, events / np.where(known, 1.0, events + _FEWEST_EVENTS)))
-
-
-def _without_array(labels: Sequence[Label], covariance: Floats) -> Floats:
-    array = np.array([label.of_array or label.by_pulse for label in labels], dtype=np.bool_)
-    found = np.where(array[:, None] | array[None, :], 0.0, covariance)
-    found[array, array] = _NOTHING
-    return found
+    counted = kinds.share | kinds.count | kinds.mean
+    return np.where(counted, events / (events + _FEWEST_EVENTS), 1.0)
 
 
 def _whitener(covariance: Floats) -> Floats:

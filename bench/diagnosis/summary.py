@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.diagnosis.recording import Recording
-    from bench.diagnosis.views.base import Kind, Part, View
+    from bench.diagnosis.views.base import Kind, Part, Statistic, View
     from bench.store.data import PointData
 
     Floats = npt.NDArray[np.float64]
@@ -47,7 +47,7 @@ class Summary:
     two together.
     """
 
-    labels: tuple[Label, ...]
+    labels: tuple[Label, ...]  #: of a simulated recording: none, they are those of the run
     top: Floats  #: (k,) sums
     bottom: Floats  #: (k,)
     products: Floats  #: (2 k, 2 k) sums of products of the summands, tops before bottoms
@@ -63,16 +63,6 @@ class Summary:
             self.recordings + other.recordings,
         )
 
-    def at(self, point: PointData) -> Summary:
-        """Return what another point shows, whose law is the same."""
-        here = {
-            "point": point.index,
-            "baseline_lux": point.baseline_lux,
-            "nd_od": point.nd_od,
-        }
-        labels = tuple(replace(label, **here) for label in self.labels)  # type: ignore[arg-type]
-        return replace(self, labels=labels)
-
     @property
     def ratio(self) -> Floats:
         """(k,) the statistics; NaN where nothing was there to be counted."""
@@ -81,53 +71,48 @@ class Summary:
 
     def covariance(self) -> Floats:
         """(k, k) covariance of the ratios of one recording, from the scatter between clusters (delta method)."""
-        k = len(self.labels)
+        k = len(self.top)
         ratio = np.nan_to_num(self.ratio)
         bottom = np.where(self.bottom > 0.0, self.bottom, np.inf)
-        turn = np.concatenate([np.diag(1.0 / bottom), -np.diag(ratio / bottom)], axis=1)
-        found = turn @ self.products @ turn.T
-        return np.asarray(found * self.recordings) if k else found
+        mixed = self.products[:k, k:] * ratio
+        found = self.products[:k, :k] - mixed - mixed.T + self.products[k:, k:] * np.outer(ratio, ratio)
+        return np.asarray(found * (self.recordings / np.outer(bottom, bottom)))
 
 
-def summarise(recording: Recording, views: Sequence[View]) -> Summary:
+def summarise(recording: Recording, views: Sequence[View], *, labelled: bool = True) -> Summary:
     """Return what all views say about one recording.
 
     The clusters of two statistics are either the same pixels, or the same pulses, or independent.
+
+    Parameters
+    ----------
+    labelled
+        Say what each statistic is about.
     """
     point = recording.frame.point
-    labels, tops, bottoms, by_pulse = [], [], [], []
-    for view in views:
-        for s in view.look(recording):
-            labels.append(
-                Label(
-                    point.index,
-                    view.id,
-                    s.part,
-                    s.kind,
-                    s.unit,
-                    point.baseline_lux,
-                    s.log_contrast,
-                    s.width_s,
-                    point.nd_od,
-                    s.least,
-                    view.of_array,
-                    s.by_pulse,
-                )
-            )
-            tops.append(s.top)
-            bottoms.append(s.bottom)
-            by_pulse.append(s.by_pulse)
-    k = len(labels)
+    seen = [(view, statistic) for view in views for statistic in view.look(recording)]
+    labels = tuple(_label(point, view, s) for view, s in seen) if labelled else ()
+    k = len(seen)
     products = np.zeros((2 * k, 2 * k))
-    pixels = [i for i in range(k) if not by_pulse[i]]
+    pixels = [i for i, (_, s) in enumerate(seen) if not s.by_pulse]
     if pixels:
-        summands = np.concatenate([np.array([tops[i] for i in pixels]), np.array([bottoms[i] for i in pixels])])
+        summands = np.array([seen[i][1].top for i in pixels] + [seen[i][1].bottom for i in pixels])
         both = np.concatenate([pixels, np.add(pixels, k)])
         products[np.ix_(both, both)] = summands @ summands.T
-    for i in np.flatnonzero(by_pulse):
-        summands = np.array([tops[i], bottoms[i]])
-        products[np.ix_([i, i + k], [i, i + k])] = summands @ summands.T
-    return Summary(tuple(labels), np.array([t.sum() for t in tops]), np.array([b.sum() for b in bottoms]), products)
+    for i, (_, s) in enumerate(seen):
+        if s.by_pulse:
+            summands = np.array([s.top, s.bottom])
+            products[np.ix_([i, i + k], [i, i + k])] = summands @ summands.T
+    top = np.array([s.top.sum() for _, s in seen])
+    bottom = np.array([s.bottom.sum() for _, s in seen])
+    return Summary(labels, top, bottom, products)
+
+
+def _label(point: PointData, view: View, s: Statistic) -> Label:
+    return Label(
+        point.index, view.id, s.part, s.kind, s.unit, point.baseline_lux, s.log_contrast, s.width_s, point.nd_od,
+        s.least, view.of_array, s.by_pulse,
+    )  # fmt: skip
 
 
 def add(summaries: Sequence[Summary]) -> Summary:

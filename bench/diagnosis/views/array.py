@@ -17,34 +17,53 @@ __all__ = ["Burst", "Neighbours", "Outliers"]
 
 #: Two events of neighbours this close belong together: crosstalk comes within 10 us.
 _TOGETHER_US: Final = 12
-#: Events of a burst.
-_BURST: Final = 16
+#: Puts pixels in an order that has nothing to do with their places (Knuth's multiplicative hash).
+_SHUFFLE: Final = 2654435761
+#: Events of a burst; shorter bursts than this are taken as this: how the camera cuts time is not the question.
+_BURST: Final = 32
+_SHORTEST_US: Final = 40
 #: A pixel stands out with this many times the mean rate of its fellows, and this many events more.
 _TIMES: Final = 4.0
 _EVENTS: Final = 4.0
 
 
 class Neighbours(View):
-    """Share of events for which a direct neighbour sent the same polarity at almost the same time."""
+    """Share of events for which a direct neighbour sent the same polarity at almost the same time, beyond chance.
+
+    Chance is what pixels do that are no neighbours: how many answer at once, and how the camera cuts time, counts for
+    both alike.
+    """
 
     id: ClassVar[str] = "neighbours"
-    title: ClassVar[str] = "share of events together with a neighbour's"
+    title: ClassVar[str] = "share of events together with a neighbour's, beyond chance"
     of_array: ClassVar[bool] = True
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the share."""
         frame, n = recording.frame, recording.frame.pixels
         width = frame.point.roi.width
-        place = np.flatnonzero(frame.rank >= 0)[recording.pixel]
+        # Events of one time come row by row: without another order neighbours would follow each other.
+        order = np.lexsort((recording.pixel * _SHUFFLE % 2**32, recording.t_us))
+        t, p = recording.t_us[order], recording.p[order]
+        place = np.flatnonzero(frame.rank >= 0)[recording.pixel[order]]
         x, y = place % width, place // width
-        together = np.zeros(recording.t_us.size, np.bool_)
-        for k in range(1, min(4, recording.t_us.size)):
-            near = recording.t_us[k:] - recording.t_us[:-k] <= _TOGETHER_US
-            near &= (np.abs(x[k:] - x[:-k]) + np.abs(y[k:] - y[:-k])) == 1
-            near &= recording.p[k:] == recording.p[:-k]
-            together[k:] |= near
-        top = np.bincount(recording.pixel[together], minlength=n).astype(np.float64)
-        yield Statistic("both", "share", top, np.bincount(recording.pixel, minlength=n).astype(np.float64))
+        beyond = np.zeros(t.size)
+        for k in range(1, min(4, t.size)):
+            near = t[k:] - t[:-k] <= _TOGETHER_US
+            near &= p[k:] == p[:-k]
+            apart = np.abs(x[k:] - x[:-k]) + np.abs(y[k:] - y[:-k])
+            beyond[k:] += near & (apart == 1)
+            beyond[k:] -= (near & (apart > 1)) * self._chance(frame.point.roi.width, frame.point.roi.height)
+        top = np.bincount(recording.pixel[order], weights=beyond, minlength=n).astype(np.float64)
+        bottom = np.bincount(recording.pixel, minlength=n).astype(np.float64)
+        yield Statistic("both", "difference", top, bottom, least=1.0 / max(t.size, 1))
+
+    @staticmethod
+    def _chance(width: int, height: int) -> float:
+        """Return the number of pairs of neighbours beside that of all other pairs."""
+        pixels = width * height
+        neighbours = width * (height - 1) + height * (width - 1)
+        return neighbours / max(pixels * (pixels - 1) // 2 - neighbours, 1)
 
 
 class Outliers(View):
@@ -63,10 +82,10 @@ class Outliers(View):
 
 
 class Burst(View):
-    """Mean logarithm of the time that 16 successive events of the whole window take, while pulses are answered."""
+    """Mean logarithm of the time that 32 successive events of the whole window take, while pulses are answered."""
 
     id: ClassVar[str] = "burst"
-    title: ClassVar[str] = "mean ln(time of 16 events / 1 us)"
+    title: ClassVar[str] = "mean ln(time of 32 events / 1 us)"
     of_array: ClassVar[bool] = True
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
@@ -78,7 +97,7 @@ class Burst(View):
         window = np.searchsorted(windows.start_us, t, side="right") - 1
         inside = (window >= 0) & (t < windows.stop_us[np.maximum(window, 0)])
         together = inside[_BURST:] & inside[:-_BURST] & (window[_BURST:] == window[:-_BURST])
-        spans = np.log(np.maximum(t[_BURST:] - t[:-_BURST], 1))[together]
+        spans = np.log(np.maximum(t[_BURST:] - t[:-_BURST], _SHORTEST_US))[together]
         mine = window[_BURST:][together]
         top = np.bincount(mine, weights=spans, minlength=pulses).astype(np.float64)
         bottom = np.bincount(mine, minlength=pulses).astype(np.float64)
