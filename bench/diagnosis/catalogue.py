@@ -16,10 +16,31 @@ if TYPE_CHECKING:
     from sim_backend.pixel.effects.base import Effect
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["NEEDS_KNOWN_THRESHOLDS", "candidates", "cost_of", "free_of", "needs_array", "probe_of"]
+__all__ = [
+    "NEEDS_KNOWN_THRESHOLDS",
+    "RARE",
+    "TWINS",
+    "candidates",
+    "cost_of",
+    "free_of",
+    "needs_array",
+    "probe_of",
+    "switches",
+]
 
 #: They are the same as other thresholds (and noise) while those are free.
 NEEDS_KNOWN_THRESHOLDS: Final = frozenset({"contrast_error", "injection_offset"})
+
+#: Faults of the bench rather than of the pixel: a pixel that does the same is the more usual reason.
+RARE: Final = frozenset({"stray_light", "nd_error", "light_drift", "light_rise_time", "timestamp_jitter"})
+
+#: Effects that do the same to a pixel as another, at one light or at all: where one is thought of, so is the other.
+TWINS: Final = {
+    "light_drift": "leak",
+    "leak": "light_drift",
+    "stray_light": "dark_current",
+    "dark_current": "stray_light",
+}
 
 #: What is fitted of each effect: name, scale, a value at which it can be seen, the highest that is believed.
 _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
@@ -31,7 +52,7 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "stray_light": (("illuminance_lux", "linear", 0.05, 1e3),),
     "dark_current": (("mean_fa", "linear", 3.0, 1e3),),
     "shot_noise": (("factor", "linear", 1.0, 50.0),),
-    "photoreceptor_bandwidth": (("hz_per_fa", "inverse", 5.0, math.inf),),
+    "photoreceptor_bandwidth": (("hz_per_fa", "inverse", 5.0, math.inf), ("max_hz", "inverse", 3000.0, math.inf)),
     "low_frequency_noise": (("rms", "square", 0.03, 0.5), ("tau_s", "log", 1.0, 100.0)),
     "high_pass": (("corner_hz", "linear", 0.5, 100.0),),
     "leak": (("rate_per_s", "linear", 0.05, 5.0),),
@@ -49,6 +70,14 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "trail_filter": (("window_s", "linear", 0.02, 1.0),),
 }
 
+#: Numbers that only shape what another one switches on.
+_SHAPES: Final = frozenset(
+    {
+        ("photoreceptor_bandwidth", "max_hz"),
+        ("low_frequency_noise", "tau_s"),
+        ("hot_pixels", "rate_hz"),
+    }
+)
 
 #: Time that a simulation takes, beside that of the base pixel; a user's effect may go sample by sample.
 _COST: Final[dict[str, float]] = {
@@ -58,7 +87,7 @@ _COST: Final[dict[str, float]] = {
     "shot_noise": 25.0,
     "photoreceptor_bandwidth": 8.0,
     "low_frequency_noise": 8.0,
-    "high_pass": 20.0,
+    "high_pass": 8.0,
 }
 _COST_OF_A_USER: Final = 30.0
 
@@ -71,6 +100,16 @@ def cost_of(model: PixelModel) -> float:
 def needs_array(model: PixelModel) -> bool:
     """Return whether the model shows in what pixels do to each other: a part of the pixels does not tell it."""
     return any(e.id in _OF_ARRAY or e.id not in _FITTED for e in model.effects)
+
+
+#: Light, or a level, that never rests; and what has a memory of its own: together they go sample by sample, which is
+#: hundreds of times as slow. One is not looked for beside the other.
+_RESTLESS: Final = frozenset({"light_drift", "light_flicker", "high_pass"})
+_REMEMBERS: Final = frozenset({"shot_noise", "photoreceptor_bandwidth", "low_frequency_noise"})
+
+
+def _takes_hours(one: str, other: str) -> bool:
+    return (one in _RESTLESS and other in _REMEMBERS) or (one in _REMEMBERS and other in _RESTLESS)
 
 
 #: Effects that couple pixels; of a user's effect it is not known.
@@ -106,6 +145,11 @@ def _of_a_user(effect: type[Effect]) -> tuple[tuple[str, Scale, float, float], .
     )
 
 
+def switches(effect: type[Effect]) -> tuple[Free, ...]:
+    """Return the numbers that switch an effect on; the others only shape it."""
+    return tuple(f for f in free_of(effect) if (effect.id, f.name) not in _SHAPES)
+
+
 def probe_of(effect: type[Effect], at: dict[str, float] | None = None) -> Effect:
     """Return the effect at the values at which it can be seen."""
     return effect(**{f.name: (at or {}).get(f.name, f.probe) for f in free_of(effect)})
@@ -127,6 +171,8 @@ def candidates(
         if effect_id in NEEDS_KNOWN_THRESHOLDS and not thresholds_known:
             continue
         if effect_id == "nd_error" and not filtered:
+            continue
+        if any(_takes_hours(effect_id, e.id) for e in model.effects):
             continue
         found.append(effect)
     return found

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.compute import Workforce
-    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.residuals import Measured
     from bench.diagnosis.result import Step
@@ -133,7 +133,7 @@ def _known(one: Fit) -> list[int]:
 def _in_their_unit(of: Measured, one: Fit) -> Floats:
     """Return the standard errors in the unit of the label: shares and counts were transformed."""
     sigma = np.asarray(one.deviation * math.sqrt(one.caution))
-    slope = slope_of(of.labels, one.ratio, of.bottom)
+    slope = slope_of(of.kinds, one.ratio, of.bottom)
     return np.where(slope > 0.0, sigma / np.where(slope > 0.0, slope, 1.0), sigma)
 
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from bench.compute import Workforce
-from bench.diagnosis.catalogue import candidates
-from bench.diagnosis.fit import approach, finish
+from bench.diagnosis.approach import approach
+from bench.diagnosis.catalogue import RARE, TWINS, candidates
+from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import deviance, excess, freedom, step_of
 from bench.diagnosis.next_measurement import next_measurement
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
     from types import TracebackType
 
-    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.result import Step, Verdict
     from bench.diagnosis.screen import Scores
@@ -42,6 +43,8 @@ ALPHA: Final = 0.01
 #: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
 _FAR_OFF: Final = 1.3
 _SHORTLIST: Final = 3
+#: Only effects are on it that are expected to explain at least so much of what the first of them does.
+_PROMISING: Final = 0.05
 #: Where the model is far off, an effect that is worth its name takes away this share of what is too much.
 _WORTH: Final = 0.15
 #: Where something is left that nothing explains, only effects that take away so much of it are named.
@@ -49,7 +52,7 @@ _SURE: Final = 0.75
 #: Up to this deviance per degree of freedom not much is left.
 _NEARLY: Final = 1.5
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
-_EXPLAINED: Final = 4.0
+_EXPLAINED: Final = 5.0
 #: Predicted separation, in standard errors, below which two effects cannot be told apart.
 _TIED: Final = 2.0
 _IN_A_TIE: Final = 3
@@ -250,14 +253,22 @@ class Diagnosis:
             return
         far_off = self._far_off(state.fit)
         significant.sort(key=lambda i: -scores.drop[i] if far_off else scores.p_value[i])
-        names = [scores.probes[i].effect.id for i in significant]
-        found = self._refitted(state, names[: _SHORTLIST if far_off else 1])
+        enough = _PROMISING * scores.drop[significant[0]] if far_off else -math.inf
+        names = [scores.probes[i].effect.id for i in significant if scores.drop[i] >= enough]
+        shortlist = names[: _SHORTLIST if far_off else 1]
+        if far_off:
+            known = {one.effect.id for one in scores.probes}
+            twins = [TWINS[name] for name in shortlist if name in TWINS]
+            shortlist += [name for name in twins if name in known and name not in shortlist]
+        found = self._refitted(state, shortlist)
         found.sort(key=lambda f: f.deviance)
         best = found[0]
         if far_off and self._share(state, best) < _WORTH:
             return
-        state.proposal = best.effect
-        state.tied = self._tied(state, best, found, far_off)
+        tied = (best.effect, *self._tied(state, best, found, far_off))
+        # Of effects that are the same to the data, the more usual one is proposed.
+        state.proposal = next((name for name in tied if name not in RARE), best.effect)
+        state.tied = tuple(name for name in tied if name != state.proposal)
 
     def _refitted(self, state: _State, effect_ids: Sequence[str]) -> list[Found]:
         """Return the models with one of these effects more, the most promising of them fitted."""

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.fit import live, prior_precision, solve
+from bench.diagnosis.fitted import live, prior_precision, solve
 from bench.diagnosis.result import Error, Misfit, Step, Value
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.result import Candidate
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.forward import Forward, Sensor
     from bench.diagnosis.residuals import Expectation
+    from bench.diagnosis.summary import Label
     from bench.store.data import PointData
     from sim_backend.pixel.model import PixelModel
 
@@ -61,6 +63,20 @@ def settings_of(points: Sequence[PointData]) -> list[int]:
     return [known.setdefault((tuple(sorted(p.bias.items())), repr(p.refractory_s)), len(known)) for p in points]
 
 
+def _blurred(labels: Sequence[Label], ratio: Floats, blur_s: float) -> tuple[Label, ...]:
+    """Return the labels; the logarithms of latencies are known no better than this difference of times allows."""
+    found, share = [], 0.0
+    for label, value in zip(labels, ratio, strict=True):
+        least = label.least
+        if label.view == "latency":
+            share = blur_s * math.exp(-value) if np.isfinite(value) else 0.0
+            least = share
+        elif label.view == "latency_spread":
+            least = share**2
+        found.append(replace(label, least=least))
+    return tuple(found)
+
+
 @dataclass(frozen=True)
 class Problem:
     """What is to be explained, and how a model is laid beside it."""
@@ -72,10 +88,19 @@ class Problem:
     timing_sd_s: float  #: how well the events' times are known beside those of the stimulus
 
     @classmethod
-    def of(cls, points: Sequence[PointData], forward: Forward) -> Problem:
-        """Look at the events of all points."""
+    def of(cls, points: Sequence[PointData], forward: Forward, blur_s: float = 0.0) -> Problem:
+        """Look at the events of all points.
+
+        Parameters
+        ----------
+        blur_s
+            How differently the sensor and the simulation may cut time, s: latencies are compared no finer.
+        """
         seen = [summarise(Recording(Frame(p), p.events()), VIEWS) for p in points]
-        return cls(tuple(points), forward, measured(seen), tuple(settings_of(points)), max(forward.dt_s, _TIMING_S))
+        found = measured(seen)
+        if blur_s > 0.0:
+            found = replace(found, labels=_blurred(found.labels, found.ratio, blur_s))
+        return cls(tuple(points), forward, found, tuple(settings_of(points)), max(forward.dt_s, _TIMING_S))
 
     @property
     def settings(self) -> int:

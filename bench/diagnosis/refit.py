@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import probe_of
-from bench.diagnosis.fit import approach, finish, further
+from bench.diagnosis.approach import approach, further, losses_at
+from bench.diagnosis.catalogue import free_of, probe_of, switches
+from bench.diagnosis.fit import finish
 from bench.diagnosis.judging import deviance
 from bench.diagnosis.problem import Slot
 from bench.diagnosis.screen import basis_of, beyond
@@ -17,7 +18,8 @@ from bench.diagnosis.screen import basis_of, beyond
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bench.diagnosis.fit import Approach, Fit
+    from bench.diagnosis.approach import Approach
+    from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.screen import Scores
     from sim_backend.pixel.model import PixelModel
@@ -29,13 +31,18 @@ _NEEDED: Final = 2.0
 #: Steps of a fit, and the width of its first, where the model was far off, and where it was not.
 _FAR: Final = (2, 2.0)
 _NEAR: Final = (2, 1.0)
-_FURTHER: Final = 2
+_FURTHER: Final = 3
 _EFFORT: Final = 1.0
+#: Sizes of an effect that are tried with the base numbers of another: beside that of the catalogue, then beside the
+#: best so far; and up to which loss, beside that of the best effect, what was found is gone on with.
+_SCANS: Final = ((0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0), (0.6, 0.8, 1.25, 1.6), (0.9, 1.1))
+_WORTH_STEPS: Final = 3.0
 #: Standard errors of a separation that are taken off.
 _SURELY: Final = 2.0
-#: Models whose loss, with little effort, is more than so many times that of the best are out of the race.
-_RIVALS: Final = 2.0
-_EARLY_RIVALS: Final = 5.0
+#: Models whose loss, with little effort, is more than so many times that of the best, and so much more for chance,
+#: are out of the race.
+_RIVALS: Final = (1.5, 100.0)
+_EARLY_RIVALS: Final = (3.0, 100.0)
 
 
 @dataclass(frozen=True)
@@ -52,9 +59,11 @@ def refitted(
 ) -> list[Found]:
     """Return the models with one of these candidates more, fitted; those that come close to the best of them."""
     near = {i: _approach(problem, here, scores, i, seed, far_off) for i in candidates}
-    near = _rivals(near, _EARLY_RIVALS)
     if far_off:
-        near = _rivals({i: further(problem, one, _FURTHER) for i, one in near.items()}, _RIVALS)
+        near = _again_from_the_best(problem, near, seed)
+        near = _rivals(near, _EARLY_RIVALS)
+        near = {i: further(problem, one, _FURTHER) for i, one in near.items()}
+    near = _rivals(near, _RIVALS)
     found = []
     for i, one in near.items():
         fitted = finish(problem, one)
@@ -62,21 +71,67 @@ def refitted(
     return found
 
 
-def _rivals(near: dict[int, Approach], most: float) -> dict[int, Approach]:
+def _again_from_the_best(problem: Problem, near: dict[int, Approach], seed: int) -> dict[int, Approach]:
+    """Return the approaches, those of the others begun again with the base numbers of the best if that is better.
+
+    Far from the minimum an effect is tried with base numbers that have tried to stand in for it. Where another effect
+    has been found to do as well, its base numbers are the right ones.
+    """
+    best = min(near, key=lambda i: near[i].loss)
+    base = [x for slot, x in zip(near[best].slots, near[best].at, strict=True) if not slot.free.effect]
+    return {i: one if i == best else _rescaled(problem, one, base, near[best].loss, seed) for i, one in near.items()}
+
+
+def _rescaled(problem: Problem, one: Approach, base: Sequence[float], least: float, seed: int) -> Approach:
+    """Return the approach, or the one from these base numbers and the size that suits them best if that is better.
+
+    `least` is the loss of the best of all: what does not come near to it is not worth the steps.
+    """
+    added = one.model.effects[-1]
+    names = {f.name for f in switches(type(added))}
+    mine = [i for i, slot in enumerate(one.slots) if slot.free.owner == added.id and slot.free.name in names]
+    at, loss = one.at.copy(), math.inf
+    at[[i for i, slot in enumerate(one.slots) if not slot.free.effect]] = base
+    size = np.array([one.slots[i].free.coordinate(one.slots[i].free.probe) for i in mine])
+    for factors in _SCANS:
+        tries = []
+        for factor in factors:
+            to = at.copy()
+            for i, x in zip(mine, size, strict=True):
+                low, high = one.slots[i].free.range
+                to[i] = min(max(x * factor, low), high)
+            tries.append(to)
+        losses = losses_at(problem, one, tries, seed)
+        if min(losses) < loss:
+            loss, at = min(losses), tries[int(np.argmin(losses))]
+            size = at[mine]
+    if loss > _WORTH_STEPS * least:
+        return one
+    again = approach(
+        problem, one.model, one.slots, list(at), seed=seed, iterations=_NEAR[0], span=_NEAR[1], prior=one.start
+    )
+    return again if again.loss < one.loss else one
+
+
+def _rivals(near: dict[int, Approach], most: tuple[float, float]) -> dict[int, Approach]:
     best = min((one.loss for one in near.values()), default=0.0)
-    return {i: one for i, one in near.items() if one.loss <= most * best}
+    return {i: one for i, one in near.items() if one.loss <= most[0] * best + most[1]}
 
 
 def _approach(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_off: bool) -> Approach:
     """Return the model with candidate `i` more, near the minimum, from the numbers that the screen expects."""
     one = scores.probes[i]
     coordinates, values = [], {}
+    shapes = [f for f in free_of(one.effect) if f not in one.free]
     for free, at, expected in zip(one.free, one.at, scores.size[i], strict=True):
         # From null itself no fit finds its way when the number has one sign only.
         start = expected if free.range[0] < 0.0 and expected != 0.0 else max(expected, 0.1 * at)
         coordinates.append(float(start))
         values[free.name] = free.value(float(start))
-    slots = (*here.slots, *(Slot(f) for f in one.free))
+    for free in shapes:
+        coordinates.append(free.coordinate(free.probe))
+        values[free.name] = free.probe
+    slots = (*here.slots, *(Slot(f) for f in (*one.free, *shapes)))
     base = here.x + (scores.base[i] if far_off else 0.0)
     iterations, span = _FAR if far_off else _NEAR
     return approach(
@@ -103,7 +158,9 @@ def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
 def needless(problem: Problem, one: Fit, effect_id: str) -> bool:
     """Return whether all numbers of an effect are within chance of null."""
     sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
-    mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id]
+    effect = next(e for e in one.model.effects if e.id == effect_id)
+    names = {f.name for f in switches(type(effect))}
+    mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id and s.free.name in names]
     return all(abs(one.x[i]) < _NEEDED * sd[i] for i in mine)
 
 

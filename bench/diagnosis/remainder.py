@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.fit import live
+from bench.diagnosis.fitted import live
 from bench.diagnosis.judging import more_than_chance
 from bench.diagnosis.result import Remainder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.summary import Label
     from bench.store.data import PointData

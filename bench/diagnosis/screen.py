@@ -14,15 +14,16 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis import robust
-from bench.diagnosis.catalogue import free_of, probe_of
-from bench.diagnosis.fit import longest_of, prior_precision
+from bench.diagnosis.catalogue import probe_of, switches
+from bench.diagnosis.fitted import prior_precision
+from bench.diagnosis.steps import longest_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.fitted import Fit
     from bench.diagnosis.parameters import Free
     from bench.diagnosis.problem import Problem
     from sim_backend.pixel.effects.base import Effect
@@ -33,8 +34,13 @@ __all__ = ["Probe", "Scores", "basis_of", "beyond", "probe", "score"]
 
 #: Sizes at which an effect is probed, beside that of the catalogue, in its coordinate, and the effort of each: where
 #: the model is far off, and where what may be missing is small.
-_FAR: Final = ((0.25, 1.0, 4.0), 0.15)
-_NEAR: Final = ((0.25,), 0.4)
+_FAR: Final = (1.0,)
+_FAR_EFFORT: Final = 0.15
+_NEAR: Final = (0.25,)
+_NEAR_EFFORT: Final = 0.4
+#: Further sizes of the effects that promise most where the model is far off, and how many of them.
+_OTHERS: Final = (0.25, 4.0)
+_PROMISING: Final = 8
 #: A probe says something about effects up to so many times its size.
 _BEYOND: Final = 2.0
 #: A direction that is shorter, in standard errors, is none.
@@ -66,20 +72,29 @@ class Scores:
     likeness: Floats  #: (c, c) cosine of the directions of two effects, beyond what the free numbers take up
 
 
-def switches(effect: type[Effect]) -> tuple[Free, ...]:
-    """Return the numbers that switch an effect on; the others only shape it."""
-    return tuple(f for f in free_of(effect) if f.scale != "log")
-
-
 def probe(
     problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int, far_off: bool
 ) -> list[list[Probe]]:  # fmt: skip
-    """Return the probes of some effects, each at several sizes if the model is far off."""
-    sizes, effort = _FAR if far_off else _NEAR
+    """Return the probes of some effects; if the model is far off, those that promise most at several sizes."""
+    if not far_off:
+        return _probe(problem, fit, [(e, _NEAR) for e in effects], seed, _NEAR_EFFORT)
+    found = _probe(problem, fit, [(e, _FAR) for e in effects], seed, _FAR_EFFORT)
+    falls = [fall_of(problem, fit, several[0]) for several in found]
+    promising = sorted(np.argsort(falls)[-_PROMISING:])
+    more = _probe(problem, fit, [(effects[i], _OTHERS) for i in promising], seed, _FAR_EFFORT)
+    for i, several in zip(promising, more, strict=True):
+        found[i] += several
+    return found
+
+
+def _probe(
+    problem: Problem, fit: Fit, wanted: Sequence[tuple[type[Effect], Sequence[float]]], seed: int, effort: float
+) -> list[list[Probe]]:
+    """Return the probes of effects, each at some sizes beside that of the catalogue."""
     base = problem.models(fit.model, fit.slots, fit.x)
     places: list[tuple[int, tuple[float, ...]]] = []
     models = []
-    for number, effect in enumerate(effects):
+    for number, (effect, sizes) in enumerate(wanted):
         for factor in sizes:
             at = tuple(_coordinate(f, factor) for f in switches(effect))
             places.append((number, at))
@@ -88,12 +103,20 @@ def probe(
                 one = probe_of(effect, {**off, free.name: free.value(coordinate)})
                 models.append([m + one for m in base])
     changes = iter(problem.changes(base, models, seed, effort))
-    found: list[list[Probe]] = [[] for _ in effects]
+    found: list[list[Probe]] = [[] for _ in wanted]
     for number, at in places:
         columns = np.stack([next(changes) for _ in at], axis=2)
         whitened = np.stack([fit.whiten(half, problem.measured.points) for half in columns])
-        found[number].append(Probe(effects[number], switches(effects[number]), at, whitened))
+        effect = wanted[number][0]
+        found[number].append(Probe(effect, switches(effect), at, whitened))
     return found
+
+
+def fall_of(problem: Problem, fit: Fit, one: Probe | None) -> float:
+    """Return the expected fall of the loss with an effect more, free numbers refitted; None: with these alone."""
+    points = problem.measured.points
+    jacobian = fit.whiten(fit.jacobian.mean(axis=0), points)
+    return _explain(fit, jacobian, fit.whiten(fit.residual, points), one)[2]
 
 
 def _coordinate(free: Free, factor: float) -> float:

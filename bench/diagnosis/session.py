@@ -19,7 +19,7 @@ from sim_backend.pixel.model import PixelModel
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from bench.diagnosis.fit import Fit
+    from bench.diagnosis.fitted import Fit
     from bench.store import Run
     from bench.store.data import PointData
 
@@ -27,6 +27,8 @@ __all__ = ["Session", "open_session", "time_grid_us"]
 
 #: Time between two looks of the comparators where the time stamps do not tell it, us.
 _USUAL_GRID_US: Final = 10
+#: Then a latency is compared no finer than this share of it.
+_BLUR: Final = 0.5
 _GRIDS_US: Final = (5, 100)
 #: Pixels that are looked at, at the most: more sharpen nothing that the pulses do not.
 _MOST_PIXELS: Final = 4096
@@ -82,9 +84,13 @@ def open_session(
     """
     points = _points(runs)
     with (workforce or Workforce()).open() as executor:
-        forward = Forward(points, executor, time_grid_us(points) * 1e-6, done)
+        grid_us = time_grid_us(points)
+        forward = Forward(points, executor, (grid_us or _USUAL_GRID_US) * 1e-6, done)
+        blur_s = 0.0 if grid_us else _BLUR * _USUAL_GRID_US * 1e-6
         sensor = runs[0].header.sensor
-        yield Session(runs, Problem.of(points, forward), on_sensor(model or PixelModel(), sensor), model is None)
+        yield Session(
+            runs, Problem.of(points, forward, blur_s), on_sensor(model or PixelModel(), sensor), model is None
+        )
 
 
 def _points(runs: Sequence[Run]) -> list[PointData]:
@@ -105,8 +111,8 @@ def _points(runs: Sequence[Run]) -> list[PointData]:
     return points
 
 
-def time_grid_us(points: Sequence[PointData]) -> int:
-    """Return the time between two looks of the comparators, us, as it shows in the time stamps.
+def time_grid_us(points: Sequence[PointData]) -> int | None:
+    """Return the time between two looks of the comparators, us, as it shows in the time stamps; None: it does not.
 
     A camera stamps whole microseconds; a simulation that looks every 20 us shows in its stamps.
     """
@@ -114,4 +120,4 @@ def time_grid_us(points: Sequence[PointData]) -> int:
     for point in points:
         for events in point.events():
             step = int(np.gcd.reduce(np.append(events["t"].astype(np.int64), step)))
-    return step if _GRIDS_US[0] <= step <= _GRIDS_US[1] else _USUAL_GRID_US
+    return step if _GRIDS_US[0] <= step <= _GRIDS_US[1] else None

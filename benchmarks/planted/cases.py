@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from bench.diagnosis.catalogue import NEEDS_KNOWN_THRESHOLDS, free_of
+from bench.diagnosis.catalogue import NEEDS_KNOWN_THRESHOLDS, free_of, switches
 from benchmarks.planted.strange_effects import STRANGE
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.registry import effect_from_dict, effects
@@ -259,14 +259,13 @@ def _sized(effect_id: str, size: float, rng: np.random.Generator) -> Effect:
     """Return an effect of about this size, in standard errors, for a usual pixel of this study."""
     cls = known_effects()[effect_id]
     free = free_of(cls)
-    switches = [f for f in free if f.scale != "log"]
     factor = size / _AT_PROBE.get(effect_id, _USUAL)
     if effect_id in _ACTS:
         name, at = _ACTS[effect_id]
         mine = next(f for f in free if f.name == name)
         values = {f.name: f.probe for f in free} | {name: min(at * factor, _MOST[effect_id], mine.highest)}
     else:
-        values = {f.name: _scaled(f, factor) for f in switches}
+        values = {f.name: _scaled(f, factor) for f in switches(cls)}
     values |= _shape(effect_id, rng)
     if effect_id == "light_drift" and rng.random() < 0.5:
         values["rate_per_s"] *= -1.0

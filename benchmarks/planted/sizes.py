@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import candidates, probe_of
+from bench.diagnosis.catalogue import candidates, probe_of, switches
 from bench.diagnosis.parameters import base_parameters, get, move, put
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.refit import without
 from bench.diagnosis.residuals import expectation, measured
-from bench.diagnosis.screen import switches
 from bench.diagnosis.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import on_sensor, recording_seed, simulate_point

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from bench.diagnosis.fit import Fit
+from bench.diagnosis.catalogue import switches
+from bench.diagnosis.fitted import Fit
 from bench.diagnosis.parameters import base_parameters
 from bench.diagnosis.problem import Slot
-from bench.diagnosis.screen import Probe, score, switches
+from bench.diagnosis.screen import Probe, score
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.registry import effects
 

@@ -1,0 +1,94 @@
+"""One step towards the minimum: the best one where all changes are linear, and no longer than that holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis import robust
+from bench.diagnosis.fitted import prior_precision, whiten
+from bench.diagnosis.parameters import ALIGNMENT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.problem import Problem, Slot
+    from bench.diagnosis.residuals import Expectation
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["corrected", "inside", "longest_of", "shown", "step_from"]
+
+#: No step is longer than this: in ln units for a threshold, and for other numbers of the base pixel.
+_LONGEST_THRESHOLD: Final = 0.3
+_LONGEST_BASE: Final = 0.7
+#: Numbers are known beforehand when their precision is more than this.
+_HELD: Final = 25.0
+#: and for the time offset, in the standard deviation that is expected of it.
+_LONGEST_OFFSET: Final = 10.0
+
+
+def step_from(
+    problem: Problem, here: Expectation, jacobian: Floats, slots: Sequence[Slot], at: Floats, start: Floats,
+    radius: float,
+    *,
+    hold: bool = False,
+) -> tuple[Floats, float]:  # fmt: skip
+    """Return the step that lowers the loss most where all changes are linear, and by how much; not a long one.
+
+    With `hold`, numbers that are known beforehand stay: far away they would only stand in for others.
+    """
+    points, roots = problem.measured.points, here.roots()
+    longest = radius * longest_of(slots, at)
+    if hold:
+        longest[prior_precision(slots) > _HELD] = 0.0
+    low, high = (np.array([s.free.range[end] for s in slots]) for end in (0, 1))
+    delta, gain = robust.solve(
+        whiten(roots, jacobian.mean(axis=0), points),
+        whiten(roots, problem.measured.value - here.value, points),
+        prior_precision(slots),
+        start - at,
+        np.maximum(low - at, -longest),
+        np.minimum(high - at, longest),
+    )
+    return delta, gain
+
+
+def corrected(jacobian: Floats, delta: Floats, change: Floats, longest: Floats) -> Floats:
+    """Return the changes by coordinate, made right along a step of which the change is known better.
+
+    Source: C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations", Math. Comp. 19 (1965).
+    """
+    scaled = delta / longest**2
+    along = scaled / max(float(delta @ scaled), 1e-300)
+    return np.stack([j + np.outer(change - j @ delta, along) for j in jacobian])
+
+
+def longest_of(slots: Sequence[Slot], at: Floats) -> Floats:
+    """(k,) how far each coordinate may go from here before straight lines say nothing."""
+    return np.array([_longest(s, a) for s, a in zip(slots, at, strict=True)])
+
+
+def _longest(slot: Slot, at: float) -> float:
+    free = slot.free
+    if free.owner == ALIGNMENT:
+        return _LONGEST_OFFSET * free.prior_sd
+    if not free.effect:
+        return _LONGEST_THRESHOLD if free.owner == "thresholds" else _LONGEST_BASE
+    if free.scale == "log":
+        return 1.0
+    probe = abs(free.coordinate(free.probe))
+    return max(abs(at), probe)
+
+
+def inside(slots: Sequence[Slot], x: Floats) -> Floats:
+    """Return the coordinates, none beyond its bounds."""
+    return np.array([min(max(c, s.free.range[0]), s.free.range[1]) for s, c in zip(slots, x, strict=True)])
+
+
+def shown(slots: Sequence[Slot], at: Floats) -> str:
+    """Return the numbers at some coordinates, for the log."""
+    return " ".join(f"{s.free.name}={s.free.value(x):.5g}" for s, x in zip(slots, at, strict=True))
