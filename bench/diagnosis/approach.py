@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Approach", "approach", "further", "losses_at"]
+__all__ = ["CHANCE", "SMALL", "Approach", "approach", "further", "losses_at"]
 
 _LOG = logging.getLogger(__name__)
 
 _ITERATIONS: Final = 16
-#: A fit has settled, as far as little effort tells, when a step lowers the loss by no more than chance does, or by a
-#: small share.
-_CHANCE: Final = 30.0
+#: The loss is known to about this. A fit has settled, as far as little effort tells, when a step lowers it by no
+#: more, or by a small share.
+CHANCE: Final = 30.0
 _LITTLE: Final = 0.05
 #: Parts of the longest step within which one is looked for; below the limit the fit ends.
 _RADII: Final = (1.0, 0.3, 0.1)
@@ -41,7 +41,7 @@ _GROWS: Final = 4.0
 _WIDE: Final = 4.0
 _NARROWER: Final = 0.5
 #: A fit ends when a step would lower the loss by less than this.
-_SMALL: Final = 1.0
+SMALL: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def approach(
             strict=True,
         )
         _LOG.debug("step %d, radius %.2g, loss %.5g, gain %.4g, at %s", step, radius, now, gains[0], shown(slots, at))
-        if span <= 1.0 and gains[0] < _SMALL:
+        if span <= 1.0 and gains[0] < SMALL:
             break
         tries = [inside(slots, at + delta) for delta in deltas]
         found = expect_roughly(problem, model, slots, tries, seed)
@@ -100,7 +100,7 @@ def approach(
         better = losses[best] < now
         radius = min(radius * (_GROWS if best == 0 else _RADII[best]), 1.0) if better else radius * _RADII[-1]
         span = max(span * _NARROWER, 1.0)
-        settled = best == 0 and span <= 1.0 and 0.0 < now - losses[best] < max(_CHANCE, _LITTLE * now)
+        settled = best == 0 and span <= 1.0 and 0.0 < now - losses[best] < max(CHANCE, _LITTLE * now)
         if better:
             there = found[best]
             jacobian = corrected(jacobian, tries[best] - at, there.value - here.value, longest_of(slots, at))

@@ -40,7 +40,7 @@ def scale_of(problem: Problem, sensors: Sequence[Sensor]) -> float:
     One number far out says nothing about the others: none counts for more than a square of 16.
     """
     n, of = len(sensors), problem.measured
-    roots = problem.expect(sensors).roots()
+    roots = problem.expect(sensors).roots
     counts = np.concatenate([live(root) for root in roots])
     squares = []
     for i, one in enumerate(sensors):

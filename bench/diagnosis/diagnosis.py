@@ -17,7 +17,7 @@ from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import deviance, excess, freedom, step_of
 from bench.diagnosis.next_measurement import next_measurement
-from bench.diagnosis.refit import Found, needless, refitted, separation, without
+from bench.diagnosis.refit import Found, needless, refitted, separation
 from bench.diagnosis.remainder import remainder_of
 from bench.diagnosis.result import Candidate, Outcome
 from bench.diagnosis.screen import probe, score
@@ -342,7 +342,7 @@ class Diagnosis:
             again = finish(
                 self.problem,
                 approach(
-                    self.problem, without(last.fit.model, weak[0]), [last.fit.slots[i] for i in slots],
+                    self.problem, last.fit.model.without(weak[0]), [last.fit.slots[i] for i in slots],
                     [float(last.fit.x[i]) for i in slots], seed=self._seed + 41, iterations=3, span=1.0,
                     prior=last.fit.start[slots],
                 ),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.approach import approach
+from bench.diagnosis.approach import CHANCE, SMALL, approach
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitted import Fit
 from bench.diagnosis.looks import look, loss_of, shifted
@@ -39,8 +39,7 @@ _LOG = logging.getLogger(__name__)
 #: Effort of one expectation at the solution, and how often it is looked for there.
 _FINE: Final = 3.0
 _POLISHINGS: Final = 6
-#: The loss is known to about this; a step that makes it so many times larger went wrong, and the next is shorter.
-_CHANCE: Final = 30.0
+#: A step that makes the loss so many times larger went wrong, and the next is shorter.
 _WORSE: Final = 1.2
 _SHORTER: Final = 0.3
 #: Width of a sharp look, in usual steps, at the most; no wider than that all statistics together move by so many
@@ -54,8 +53,6 @@ _LAST: Final = 0.1
 _SHORTEST: Final = 0.02
 #: A loss per statistic above this is no matter of effort.
 _HOPELESS: Final = 3.0
-#: A fit ends when a step would lower the loss by less than this.
-_SMALL: Final = 1.0
 
 
 def fit(problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int) -> Fit:
@@ -80,7 +77,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
     for k in range(_POLISHINGS if close else 0):
         delta, gain = step_from(problem, here, jacobian, slots, at, start, radius)
         # Chance of the simulation alone promises about half a unit for each coordinate.
-        if gain < _SMALL + 0.5 * len(slots):
+        if gain < SMALL + 0.5 * len(slots):
             break
         to = at + delta
         again = problem.simulate([problem.models(model, slots, to)], seed + 10 * (k + 1), _FINE)[0]
@@ -89,7 +86,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
         _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", before, after, gain, shown(slots, to))
         visited.append((to, there))
         seen.append(again)
-        if after < before + _CHANCE:
+        if after < before + CHANCE:
             at, here, simulated = to, there, again
         else:
             radius *= _SHORTER
@@ -109,7 +106,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
         start=start,
         value=value,
         ratio=here.ratio,
-        roots=here.roots(),
+        roots=here.roots,
         deviation=here.deviation,
         jacobian=looked,
         scale=scale_of(problem, simulated),

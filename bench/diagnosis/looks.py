@@ -94,11 +94,11 @@ def shifted(problem: Problem, here: Expectation, slots: Sequence[Slot], x: Float
 
 def loss_of(problem: Problem, here: Expectation, slots: Sequence[Slot], at: Floats, start: Floats) -> float:
     """Return the loss of the independent residuals, and what the prior adds."""
-    residual = whiten(here.roots(), problem.measured.value - here.value, problem.measured.points)
+    residual = whiten(here.roots, problem.measured.value - here.value, problem.measured.points)
     return robust.loss(residual) + float(np.sum(prior_precision(slots) * (at - start) ** 2))
 
 
 def seen_by(problem: Problem, here: Expectation, jacobian: Floats) -> Floats:
     """(k,) standard errors by which all statistics together move, by coordinate; chance counts for nothing."""
-    first, second = (whiten(here.roots(), half, problem.measured.points) for half in jacobian)
+    first, second = (whiten(here.roots, half, problem.measured.points) for half in jacobian)
     return np.asarray(np.sqrt(np.maximum(np.sum(first * second, axis=0), 0.0)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from bench.diagnosis.fit import finish
 from bench.diagnosis.judging import deviance
 from bench.diagnosis.problem import Slot
 from bench.diagnosis.screen import basis_of, beyond
+from bench.diagnosis.steps import inside
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,9 +23,8 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.screen import Scores
-    from sim_backend.pixel.model import PixelModel
 
-__all__ = ["Found", "needless", "refitted", "separation", "without"]
+__all__ = ["Found", "needless", "refitted", "separation"]
 
 #: An effect whose numbers are all fewer standard errors from null is needless.
 _NEEDED: Final = 2.0
@@ -97,10 +97,8 @@ def _rescaled(problem: Problem, one: Approach, base: Sequence[float], least: flo
         tries = []
         for factor in factors:
             to = at.copy()
-            for i, x in zip(mine, size, strict=True):
-                low, high = one.slots[i].free.range
-                to[i] = min(max(x * factor, low), high)
-            tries.append(to)
+            to[mine] = factor * size
+            tries.append(inside(one.slots, to))
         losses = losses_at(problem, one, tries, seed)
         if min(losses) < loss:
             loss, at = min(losses), tries[int(np.argmin(losses))]
@@ -162,8 +160,3 @@ def needless(problem: Problem, one: Fit, effect_id: str) -> bool:
     names = {f.name for f in switches(type(effect))}
     mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id and s.free.name in names]
     return all(abs(one.x[i]) < _NEEDED * sd[i] for i in mine)
-
-
-def without(model: PixelModel, effect_id: str) -> PixelModel:
-    """Return the model without an effect."""
-    return replace(model, effects=tuple(e for e in model.effects if e.id != effect_id))

@@ -72,7 +72,7 @@ class Kinds:
         return cls(share, count, mean, array, np.array([label.least for label in labels], np.float64))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Expectation:
     """What a model expects of a run."""
 
@@ -91,8 +91,9 @@ class Expectation:
         """(n,) standard errors of measured less expected."""
         return np.concatenate([np.sqrt(np.diag(c) * self.more) for c in self.scatter.covariance])
 
+    @cached_property
     def roots(self) -> tuple[Floats, ...]:
-        """Return for each point the matrix that makes its residuals independent, of unit variance."""
+        """Of each point the matrix that makes its residuals independent, of unit variance."""
         return tuple(_whitener(c * self.more) for c in self.scatter.covariance)
 
 

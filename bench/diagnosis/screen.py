@@ -79,7 +79,9 @@ def probe(
     if not far_off:
         return _probe(problem, fit, [(e, _NEAR) for e in effects], seed, _NEAR_EFFORT)
     found = _probe(problem, fit, [(e, _FAR) for e in effects], seed, _FAR_EFFORT)
-    falls = [fall_of(problem, fit, several[0]) for several in found]
+    points = problem.measured.points
+    residual, jacobian = fit.whiten(fit.residual, points), fit.whiten(fit.jacobian.mean(axis=0), points)
+    falls = [_explain(fit, jacobian, residual, several[0])[2] for several in found]
     promising = sorted(np.argsort(falls)[-_PROMISING:])
     more = _probe(problem, fit, [(effects[i], _OTHERS) for i in promising], seed, _FAR_EFFORT)
     for i, several in zip(promising, more, strict=True):
@@ -110,13 +112,6 @@ def _probe(
         effect = wanted[number][0]
         found[number].append(Probe(effect, switches(effect), at, whitened))
     return found
-
-
-def fall_of(problem: Problem, fit: Fit, one: Probe | None) -> float:
-    """Return the expected fall of the loss with an effect more, free numbers refitted; None: with these alone."""
-    points = problem.measured.points
-    jacobian = fit.whiten(fit.jacobian.mean(axis=0), points)
-    return _explain(fit, jacobian, fit.whiten(fit.residual, points), one)[2]
 
 
 def _coordinate(free: Free, factor: float) -> float:

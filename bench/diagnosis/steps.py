@@ -25,10 +25,10 @@ __all__ = ["corrected", "inside", "longest_of", "shown", "step_from"]
 #: No step is longer than this: in ln units for a threshold, and for other numbers of the base pixel.
 _LONGEST_THRESHOLD: Final = 0.3
 _LONGEST_BASE: Final = 0.7
-#: Numbers are known beforehand when their precision is more than this.
-_HELD: Final = 25.0
 #: and for the time offset, in the standard deviation that is expected of it.
 _LONGEST_OFFSET: Final = 10.0
+#: Numbers are known beforehand when their precision is more than this.
+_HELD: Final = 25.0
 
 
 def step_from(
@@ -41,7 +41,7 @@ def step_from(
 
     With `hold`, numbers that are known beforehand stay: far away they would only stand in for others.
     """
-    points, roots = problem.measured.points, here.roots()
+    points, roots = problem.measured.points, here.roots
     longest = radius * longest_of(slots, at)
     if hold:
         longest[prior_precision(slots) > _HELD] = 0.0

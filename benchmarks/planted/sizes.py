@@ -17,7 +17,6 @@ import numpy as np
 from bench.diagnosis.catalogue import candidates, probe_of, switches
 from bench.diagnosis.parameters import base_parameters, get, move, put
 from bench.diagnosis.recording import Frame, Recording
-from bench.diagnosis.refit import without
 from bench.diagnosis.residuals import expectation, measured
 from bench.diagnosis.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
@@ -104,7 +103,7 @@ class _Truth:
         self.of: Measured = measured(seen[0][0])
         every = expectation(self.of, [add(c) for c in zip(*seen[0], *seen[1], strict=True)])
         more = math.sqrt(1.0 + 1.0 / every.recordings)
-        self._roots = [root * more for root in every.roots()]
+        self._roots = [root * more for root in every.roots]
         self._values = [self.value(one) for one in seen]
 
     def value(self, sensors: Sequence[Sequence[Summary]]) -> Floats:
@@ -152,7 +151,7 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
     size: dict[str, float] = {}
     nearest: tuple[str | None, float | None] = None, None
     for effect_id in case.planted:
-        rest = without(case.model, effect_id)
+        rest = case.model.without(effect_id)
         first, second = truth.apart(rest)
         base, prior = _base_changes(truth, rest)
         size[effect_id] = truth.bench.scale * _root(fall(first, second, base, prior))

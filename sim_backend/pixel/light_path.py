@@ -66,7 +66,7 @@ class ChipLight:
         lux: npt.NDArray[np.float64] = self._sampler.lux_at(n)
         factor = self._factor(n)
         if factor is not None:
-            room = self._room_lux if self._room_lux.size == 1 else self._room_lux[self._sampler.segments(n)]
+            room = self._room_lux[self._sampler.segments(n)]
             lux = np.asarray(np.where(lux > room, lux - room, 0.0) * factor + room)
         lux = np.asarray(lux + self._chain.stray_lux)
         for hook in self._chain.hooks.light:

@@ -79,8 +79,8 @@ class FastEngine:
         Number of threads; None for as many as there are processors for this process.
     quiet_high_pass
         Up to this corner of a high-pass, beside that of the source follower, what it remembers of the noise is left
-        out, and only its share of the variance is taken off. That is some two hundred times as fast, and no longer
-        the same distribution: of the variance of the noise that share is not slow any more.
+        out, and only its share of the variance is taken off. That is some twenty times as fast, and no longer the
+        same distribution.
     """
 
     dt_s: float = 1e-5

@@ -8,7 +8,7 @@ import pytest
 
 from bench.challenge.draw import LEVELS, Level, draw
 from bench.challenge.sizes import ALIKE, NOT_TO_BE_FOUND, SIZES
-from bench.diagnosis.catalogue import free_of, switches
+from bench.diagnosis.catalogue import free_of
 from sim_backend.pixel.effects import effect_from_dict, effects
 
 SEEDS = range(300)
@@ -24,10 +24,10 @@ def test_both_ends_are_allowed_and_what_a_diagnosis_looks_for_lies_between_them(
     for strength in (0.0, 1.0):
         effect_from_dict(effect_id, {s.name: s.at(strength) for s in SIZES[effect_id]})
     ranges = {s.name: sorted((s.faint, s.gross)) for s in SIZES[effect_id]}
-    kind = effects()[effect_id]
-    assert {f.name for f in switches(kind)} <= set(ranges)
-    for free in (f for f in free_of(kind) if f.name in ranges):
-        low, high = ranges[free.name]
+    described = effects()[effect_id].parameters()
+    usual = {p.name: (p.default, p.default) for p in described if p.default is not None}  # no challenge changes them
+    for free in free_of(effects()[effect_id]):
+        low, high = {**usual, **ranges}[free.name]
         assert low <= free.probe <= high
 
 

@@ -129,7 +129,7 @@ def test_residuals_of_the_true_model_have_unit_variance_and_no_long_tails(
     for one in summaries[:20]:
         run = measured(one)
         expected = expectation(run, summed)
-        for root, where in zip(expected.roots(), run.points, strict=True):
+        for root, where in zip(expected.roots, run.points, strict=True):
             live = np.abs(root).sum(axis=1) > 0.05
             found.append((root @ (run.value[where] - expected.value[where]))[live])
     z = np.concatenate(found)

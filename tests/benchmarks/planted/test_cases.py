@@ -7,7 +7,6 @@ from collections import Counter
 import pytest
 
 from bench.diagnosis.catalogue import NEEDS_KNOWN_THRESHOLDS
-from bench.diagnosis.refit import without
 from benchmarks.planted.cases import KINDS, cases, dozen, plantable
 from benchmarks.planted.strange_effects import STRANGE
 from sim_backend.pixel.effects.registry import effects
@@ -78,7 +77,7 @@ def test_two_effects_that_are_the_same_at_the_pixel_are_not_planted_together() -
 
 def test_taking_an_effect_away_leaves_the_others() -> None:
     case = next(c for c in cases(1) if c.kind == "several")
-    left = without(case.model, case.planted[0])
+    left = case.model.without(case.planted[0])
     assert tuple(e.id for e in left.effects) == case.planted[1:]
 
 
