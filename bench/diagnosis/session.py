@@ -6,12 +6,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from bench.compute import Workforce
 from bench.diagnosis.fit import fit
 from bench.diagnosis.forward import Forward
 from bench.diagnosis.problem import Problem
+from bench.diagnosis.time_grid import time_grid_us
 from bench.models.simulation import on_sensor
 from protocols.errors import InputError
 from sim_backend.pixel.model import PixelModel
@@ -23,13 +22,12 @@ if TYPE_CHECKING:
     from bench.store import Run
     from bench.store.data import PointData
 
-__all__ = ["Session", "open_session", "time_grid_us"]
+__all__ = ["Session", "open_session"]
 
 #: Time between two looks of the comparators where the time stamps do not tell it, us.
 _USUAL_GRID_US: Final = 10
 #: Then a latency is compared no finer than this share of it.
 _BLUR: Final = 0.5
-_GRIDS_US: Final = (5, 100)
 #: Pixels that are looked at, at the most: more sharpen nothing that the pulses do not.
 _MOST_PIXELS: Final = 4096
 
@@ -109,15 +107,3 @@ def _points(runs: Sequence[Run]) -> list[PointData]:
                 f"{point.path}: a window of {point.roi.pixels} pixels; expected {_MOST_PIXELS} or fewer (64 x 64)"
             )
     return points
-
-
-def time_grid_us(points: Sequence[PointData]) -> int | None:
-    """Return the time between two looks of the comparators, us, as it shows in the time stamps; None: it does not.
-
-    A camera stamps whole microseconds; a simulation that looks every 20 us shows in its stamps.
-    """
-    step = 0
-    for point in points:
-        for events in point.events():
-            step = int(np.gcd.reduce(np.append(events["t"].astype(np.int64), step)))
-    return step if _GRIDS_US[0] <= step <= _GRIDS_US[1] else None

@@ -8,7 +8,7 @@ import pytest
 
 from bench.diagnosis.fit import fit
 from bench.diagnosis.judging import error_of, values_of
-from bench.diagnosis.session import open_session, time_grid_us
+from bench.diagnosis.session import open_session
 from protocols.errors import InputError
 from protocols.points import Roi
 from sim_backend.pixel import PixelModel
@@ -39,16 +39,6 @@ def test_the_numbers_of_the_base_pixel_are_approached(point: Callable[..., Any],
         assert values[key].value == pytest.approx(true, rel=0.04), key
     assert error.response_rmse < 0.02
     assert error.deviance_per_dof < 1.3
-
-
-def test_the_grid_of_a_simulation_shows_in_its_time_stamps(
-    point: Callable[..., Any], recorded: Callable[..., Any]
-) -> None:
-    coarse = recorded(point(0, 0.0), [(40, 0, 0, 1), (100, 0, 0, 1), (2040, 1, 0, 1)])
-    fine = recorded(point(0, 0.0), [(41, 0, 0, 1), (100, 0, 0, 1)])
-    assert time_grid_us([coarse]) == 20
-    assert time_grid_us([coarse, fine]) is None
-    assert time_grid_us([point(0, 0.0)]) is None
 
 
 def test_runs_that_cannot_be_explained_together_are_refused(
