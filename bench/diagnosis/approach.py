@@ -1,47 +1,73 @@
-"""The way to the minimum, with little effort."""
+"""The way to the minimum, with little effort: steps along straight lines through a cloud of simulations."""
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.looks import expect_roughly, look, loss_of, seen_by
-from bench.diagnosis.steps import corrected, inside, longest_of, shown, step_from
+from bench.diagnosis import robust
+from bench.diagnosis.cloud import Cloud, Place, around
+from bench.diagnosis.fitted import prior_precision
+from bench.diagnosis.looks import expect_roughly, later
+from bench.diagnosis.parameters import ALIGNMENT
+from bench.diagnosis.steps import inside, longest_of, shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
+    from bench.diagnosis.cloud import Lines
     from bench.diagnosis.problem import Problem, Slot
+    from bench.diagnosis.residuals import Expectation
     from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["CHANCE", "SMALL", "Approach", "approach", "further", "losses_at"]
+__all__ = ["SMALL", "Approach", "approach", "further", "scanned"]
 
 _LOG = logging.getLogger(__name__)
 
-_ITERATIONS: Final = 16
-#: The loss is known to about this. A fit has settled, as far as little effort tells, when a step lowers it by no
-#: more, or by a small share.
-CHANCE: Final = 30.0
-_LITTLE: Final = 0.05
-#: Parts of the longest step within which one is looked for; below the limit the fit ends.
-_RADII: Final = (1.0, 0.3, 0.1)
-_SHORTEST: Final = 0.02
-#: After so many steps the changes by coordinate are simulated again.
-_LOOKS: Final = 2
-#: After the longest of them was the best, the next may be longer.
-_GROWS: Final = 4.0
-#: Changes by coordinate are first taken over so many steps, then over fewer: far away chance in them counts more.
-_WIDE: Final = 4.0
-_NARROWER: Final = 0.5
+#: Steps of a way from anywhere, at the most.
+_ITERATIONS: Final = 24
+#: The loss is known to about this. A way has come to its end, as far as little effort tells, when steps lower the
+#: loss by no more, or by a small share, so often in a row.
+_CHANCE: Final = 30.0
+_LITTLE: Final = 0.03
+_IDLE: Final = 2
 #: A fit ends when a step would lower the loss by less than this.
 SMALL: Final = 1.0
+#: Relative errors that a model may have in turn, where the start may be anywhere: far away standard errors are no
+#: measure of how far. The next one's turn is when the loss per statistic is below the limit, or a short step lowers
+#: the loss by less than a share.
+_MAY_BE_WRONG: Final = (0.3, 0.1, 0.03, 0.0)
+_EASY: Final = 0.3
+_STILL: Final = 0.2
+_SHORT: Final = 0.5
+#: The longest step that is tried, beside the longest of all: at the start, and nearby or when a model may be less
+#: wrong.
+_REACH: Final = 1.0
+_NEARBY: Final = 0.3
+#: and when a way has come to its end: for sure, or if it is idle.
+_SHORTEST: Final = 0.03
+_SHORT_ENOUGH: Final = 0.08
+#: The next reach beside the step that was best, and by how much it changes at the most.
+_NEXT: Final = 2.0
+_LESS: Final = 0.5
+_MORE: Final = 1.5
+#: Lines are drawn through places within this share of the reach.
+_WITHIN: Final = 0.5
+#: Places beside those that steps lead to, for the lines.
+_BESIDE: Final = 4
+#: Chance makes slopes look steeper, and steps shorter, than they are: shares of it that are taken off.
+_SHARES: Final = (1.0, 0.3, 0.0)
+#: Numbers are known beforehand when their precision is more than this: on the way they would but stand in for others.
+_KNOWN: Final = 25.0
+_AS_GOOD_AS_NONE: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -54,12 +80,15 @@ class Approach:
     start: Floats  #: (k,) of the prior
     loss: float
     seed: int
-    seen: Floats  #: (k,) standard errors by which all statistics together move, by coordinate
+    information: Floats  #: (k, k) about the coordinates, in all statistics; roughly
+    reach: float  #: of the last step, beside the longest
+    cloud: Cloud  #: what was looked at on the way
 
 
 def approach(
     problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int,
-    iterations: int = _ITERATIONS, span: float = _WIDE, prior: Floats | None = None,
+    iterations: int = _ITERATIONS, wrong: float = 0.0, prior: Floats | None = None, cloud: Cloud | None = None,
+    reach: float | None = None,
 ) -> Approach:  # fmt: skip
     """Go near the minimum with little effort.
 
@@ -71,56 +100,166 @@ def approach(
         Of the simulations.
     iterations
         Steps at the most.
-    span
-        Changes by coordinate are first taken over so many steps: several where the start may be far off.
+    wrong
+        Relative error that what is expected may have at the start.
     prior
         Coordinates that are expected before; None: those to start from.
+    cloud
+        What was looked at before, of the same model.
+    reach
+        Of the first step, beside the longest; None: far, if the start may be wrong.
     """
-    slots = tuple(slots)
     at = np.array(x, dtype=np.float64)
-    start = at.copy() if prior is None else prior
-    radius = 1.0
-    here, jacobian = look(problem, model, slots, at, seed, span)
-    now = loss_of(problem, here, slots, at, start)
-    for step in range(iterations):
-        deltas, gains = zip(
-            *(
-                step_from(problem, here, jacobian, slots, at, start, radius * part, hold=span > 1.0)
-                for part in _RADII
-            ),
-            strict=True,
-        )
-        _LOG.debug("step %d, radius %.2g, loss %.5g, gain %.4g, at %s", step, radius, now, gains[0], shown(slots, at))
-        if span <= 1.0 and gains[0] < SMALL:
+    way = _Way(problem, model, tuple(slots), at if prior is None else prior, seed, cloud or Cloud())
+    way.set_out(at, reach or (_REACH if wrong else _NEARBY), wrong)
+    for _ in range(iterations):
+        if way.step():
             break
-        tries = [inside(slots, at + delta) for delta in deltas]
-        found = expect_roughly(problem, model, slots, tries, seed)
-        losses = [loss_of(problem, e, slots, t, start) for e, t in zip(found, tries, strict=True)]
-        best = int(np.argmin(losses))
-        better = losses[best] < now
-        radius = min(radius * (_GROWS if best == 0 else _RADII[best]), 1.0) if better else radius * _RADII[-1]
-        span = max(span * _NARROWER, 1.0)
-        settled = best == 0 and span <= 1.0 and 0.0 < now - losses[best] < max(CHANCE, _LITTLE * now)
-        if better:
-            there = found[best]
-            jacobian = corrected(jacobian, tries[best] - at, there.value - here.value, longest_of(slots, at))
-            at, now, here = tries[best], losses[best], there
-        if radius < _SHORTEST or settled:
-            break
-        if step < iterations - 1 and (not better or step % _LOOKS == _LOOKS - 1):
-            here, jacobian = look(problem, model, slots, at, seed, span)
-    return Approach(model, slots, at, start, now, seed, seen_by(problem, here, jacobian))
+    return way.end()
 
 
-def further(problem: Problem, near: Approach, iterations: int) -> Approach:
-    """Go on."""
+def further(problem: Problem, near: Approach, iterations: int, to: Floats | None = None) -> Approach:
+    """Go on, from where it ended or from other coordinates."""
     return approach(
-        problem, near.model, near.slots, list(near.at), seed=near.seed, iterations=iterations, span=1.0,
-        prior=near.start,
+        problem, near.model, near.slots, list(near.at if to is None else to), seed=near.seed, iterations=iterations,
+        prior=near.start, cloud=near.cloud, reach=near.reach if to is None else None,
     )  # fmt: skip
 
 
-def losses_at(problem: Problem, near: Approach, places: Sequence[Floats], seed: int) -> list[float]:
-    """Return the loss at some coordinates, with little effort."""
-    found = expect_roughly(problem, near.model, near.slots, places, seed)
-    return [loss_of(problem, e, near.slots, x, near.start) for e, x in zip(found, places, strict=True)]
+def scanned(problem: Problem, near: Approach, places: Sequence[Floats]) -> Approach:
+    """Return the best of some places, all of which are remembered."""
+    way = _Way(problem, near.model, near.slots, near.start, near.seed, near.cloud)
+    at, loss = way.best_of(places)
+    return replace(near, at=at, loss=loss, cloud=way.cloud)
+
+
+class _Way:
+    """From place to place, each time to the best of some that straight lines lead to."""
+
+    def __init__(
+        self, problem: Problem, model: PixelModel, slots: tuple[Slot, ...], start: Floats, seed: int, known: Cloud
+    ) -> None:
+        self._problem, self._model, self._slots, self._start, self._seed = problem, model, slots, start, seed
+        self._precision = prior_precision(slots)
+        self._offset = np.array([s.free.owner == ALIGNMENT for s in slots])
+        self._rng = np.random.default_rng(seed)
+        self.cloud = Cloud(known.places)
+        self._wrong = 0.0
+
+    def set_out(self, at: Floats, reach: float, wrong: float) -> None:
+        """Look at the start and around it, unless all that was done before."""
+        self._wrong, self._reach, self._idle = wrong, reach, 0
+        self._turn = [w for w in _MAY_BE_WRONG if w < wrong]
+        self._judge()
+        known = [place for place in self.cloud.places if np.array_equal(place.at, at)]
+        if known:
+            self._here = known[0]
+            return
+        before = len(self.cloud.places)
+        self._look([at, *self._around(at, len(at) if before else 2 * len(at))])
+        self._here = min(self.cloud.places[before:], key=lambda place: place.loss)
+
+    def best_of(self, places: Sequence[Floats]) -> tuple[Floats, float]:
+        """Look at some places, and return the best of them with its loss."""
+        before = len(self.cloud.places)
+        self._look(places)
+        best = min(self.cloud.places[before:], key=lambda place: place.loss)
+        return best.at, best.loss
+
+    def step(self) -> bool:
+        """Take a step; return whether the way has come to its end."""
+        here, before = self._here, len(self.cloud.places)
+        tries = self._tries()
+        self._look([*tries, *self._around(here.at, _BESIDE)])
+        best = min(self.cloud.places[before:], key=lambda place: place.loss)
+        fell = max(here.loss - best.loss, 0.0)
+        if fell:
+            self._here = best
+        size = float(np.max(np.abs(self._here.at - here.at) / longest_of(self._slots, here.at)))
+        _LOG.debug("reach %.2g, wrong %.2g, loss %.5g to %.5g, at %s", self._reach, self._wrong, here.loss, best.loss,
+                   shown(self._slots, self._here.at))  # fmt: skip
+        self._reach = min(max(_NEXT * size, _LESS * self._reach), _MORE * self._reach, _REACH)
+        self._idle = self._idle + 1 if fell < max(_CHANCE, _LITTLE * here.loss) else 0
+        if not self._wrong:
+            return self._reach < _SHORTEST or (self._idle >= _IDLE and self._reach < _SHORT_ENOUGH)
+        self._less_wrong(fell / max(here.loss, _CHANCE))
+        return False
+
+    def end(self) -> Approach:
+        """Return where the way has led."""
+        self._wrong = 0.0
+        self._judge()
+        here = self._here
+        sd = here.expected.deviation
+        lines = self._lines()
+        slope = lines.slope / sd[:, None]
+        information = robust.positive(slope.T @ slope - float(np.sum(lines.scatter / sd**2)) * lines.chance)
+        return Approach(
+            self._model, self._slots, here.at, self._start, here.loss, self._seed, information, self._reach,
+            self.cloud,
+        )  # fmt: skip
+
+    def _less_wrong(self, fell: float) -> None:
+        """Let the model be less wrong where it is easily right enough, or short steps hardly make it better."""
+        n = len(self._here.expected.value)
+        still = fell < _STILL and self._reach < _SHORT
+        while self._wrong and (still or self._here.loss < _EASY * n):
+            self._wrong = self._turn.pop(0)
+            self._judge()
+            still, self._idle = False, 0
+            self._reach = max(self._reach, _NEARBY)
+
+    def _tries(self) -> list[Floats]:
+        """Return places to which straight lines lead: with much, some, and none of the chance in them taken off."""
+        here, of = self._here, self._problem.measured
+        longest = self._reach * self._longest(here.at)
+        low, high = (np.array([s.free.range[end] for s in self._slots]) for end in (0, 1))
+        lines, sd = self._lines(), self._deviation(here.expected)
+        scatter = lines.scatter / sd**2
+        found = []
+        for share in _SHARES:
+            delta, _ = robust.solve(
+                lines.slope / sd[:, None], (of.value - lines.value) / sd, self._precision, self._start - here.at,
+                np.maximum(low - here.at, -longest), np.minimum(high - here.at, longest),
+                chance=lambda w, share=share: share * float(w @ scatter) * lines.chance,  # type: ignore[misc]
+            )  # fmt: skip
+            found.append(here.at + delta)
+        return found
+
+    def _lines(self) -> Lines:
+        """Return the lines about the best place; of a time offset they are known exactly."""
+        here = self._here
+        lines = self.cloud.lines(here.at, longest_of(self._slots, here.at), _WITHIN * self._reach)
+        lines.slope[:, self._offset] = later(self._problem, here.expected)[:, None]
+        lines.chance[self._offset, :] = 0.0
+        lines.chance[:, self._offset] = 0.0
+        return lines
+
+    def _around(self, at: Floats, count: int) -> list[Floats]:
+        scale = np.where(self._offset, 0.0, self._longest(at))
+        return around(at, scale, _WITHIN * self._reach / math.sqrt(len(at)), count, self._rng)
+
+    def _longest(self, at: Floats) -> Floats:
+        longest = longest_of(self._slots, at)
+        held = (self._precision > _KNOWN) & (~self._offset | bool(self._wrong))
+        return np.where(held, _AS_GOOD_AS_NONE * longest, longest)
+
+    def _look(self, places: Sequence[Floats]) -> None:
+        at = [inside(self._slots, place) for place in places]
+        found = expect_roughly(self._problem, self._model, self._slots, at, self._seed)
+        self.cloud.places += [Place(x, e, self._loss(e, x)) for x, e in zip(at, found, strict=True)]
+
+    def _judge(self) -> None:
+        """Work out all losses again."""
+        self.cloud.places = [Place(p.at, p.expected, self._loss(p.expected, p.at)) for p in self.cloud.places]
+        if hasattr(self, "_here"):
+            self._here = next(p for p in self.cloud.places if p.at is self._here.at)
+
+    def _deviation(self, e: Expectation) -> Floats:
+        if not self._wrong:
+            return e.deviation
+        return np.hypot(e.deviation, e.tolerance(self._problem.measured, self._wrong))
+
+    def _loss(self, e: Expectation, at: Floats) -> float:
+        residual = (self._problem.measured.value - e.value) / self._deviation(e)
+        return robust.loss(residual) + float(np.sum(self._precision * (at - self._start) ** 2))

@@ -9,7 +9,7 @@ from bench.diagnosis.parameters import Free
 from sim_backend.pixel.effects.registry import effects
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from bench.diagnosis.parameters import Scale
     from bench.store.data import PointData
@@ -150,9 +150,11 @@ def switches(effect: type[Effect]) -> tuple[Free, ...]:
     return tuple(f for f in free_of(effect) if (effect.id, f.name) not in _SHAPES)
 
 
-def probe_of(effect: type[Effect], at: dict[str, float] | None = None) -> Effect:
-    """Return the effect at the values at which it can be seen."""
-    return effect(**{f.name: (at or {}).get(f.name, f.probe) for f in free_of(effect)})
+def probe_of(
+    effect: type[Effect], at: Mapping[str, float] | None = None, given: Mapping[str, float] | None = None
+) -> Effect:
+    """Return the effect at the values at which it can be seen, or `at` others; what is `given` is not fitted."""
+    return effect(**{**(given or {}), **{f.name: (at or {}).get(f.name, f.probe) for f in free_of(effect)}})
 
 
 def candidates(

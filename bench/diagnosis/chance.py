@@ -31,7 +31,7 @@ __all__ = ["frozen_of", "pooled", "scale_of"]
 #: The largest square of a residual that counts for how residuals scatter.
 _FAR_OUT: Final = 16.0
 #: What is at a loss so much larger than the least counts as close by.
-_CLOSE: Final = 40.0
+_CLOSE: Final = 20.0
 
 
 def scale_of(problem: Problem, sensors: Sequence[Sensor]) -> float:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.probing import Probed
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.result import Step, Verdict
     from bench.diagnosis.screen import Scores
@@ -43,6 +44,8 @@ ALPHA: Final = 0.01
 #: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
 _FAR_OFF: Final = 1.3
 _SHORTLIST: Final = 3
+#: Above this one, effects are gross: each does something else at another size.
+_GROSS: Final = 4.0
 #: Only effects are on it that are expected to explain at least so much of what the first of them does.
 _PROMISING: Final = 0.05
 #: Where the model is far off, an effect that is worth its name takes away this share of what is too much.
@@ -58,6 +61,8 @@ _TIED: Final = 2.0
 _IN_A_TIE: Final = 3
 #: Two effects are only confused when one explains at least so much of what the other does.
 _AS_WELL: Final = 0.5
+#: What is known of the free numbers beforehand is not in the p-values: the loss, in which it is, falls by so much.
+_LEAST_FALL: Final = 4.0
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
 _LOOKS: Final = 2.0
 #: Standard errors at which an effect is found as a rule.
@@ -130,6 +135,7 @@ class Diagnosis:
             open_session(opened, model, workforce or Workforce(workers))
         )
         self._states: list[_State] = []
+        self._seen: Probed = {}  # how well each effect is seen hardly depends on the step
         self.findings: tuple[str, ...] = findings_of(self._session.problem)
 
     def __enter__(self) -> Self:
@@ -240,15 +246,17 @@ class Diagnosis:
         self._say(f"step {number}: looking for what is missing")
         possible = candidates(fitted.model, self.problem.points, without=self._without)
         seed = self._seed + 100 * number + 11
-        probes = probe(self.problem, fitted, possible, seed, self._far_off(fitted))
+        gross = deviance(self.problem, fitted) / freedom(fitted) > _GROSS
+        probes = probe(self.problem, fitted, possible, seed, gross, self._seen)
         return _State(fitted, score(self.problem, fitted, probes, self._seed), added, fall)
 
     def _choose(self, state: _State) -> None:
         """Find the effect that is worth adding, and those that cannot be told from it."""
         scores = state.scores
         significant = [
-            i for i in range(len(scores.probes)) if scores.p_best[i] < ALPHA and self._can_judge(scores, i)
-        ]
+            i for i in range(len(scores.probes))
+            if scores.p_best[i] < ALPHA and scores.drop[i] > _LEAST_FALL and self._can_judge(scores, i)
+        ]  # fmt: skip
         if not significant:
             return
         far_off = self._far_off(state.fit)
@@ -260,7 +268,9 @@ class Diagnosis:
             known = {one.effect.id for one in scores.probes}
             twins = [TWINS[name] for name in shortlist if name in TWINS]
             shortlist += [name for name in twins if name in known and name not in shortlist]
-        found = self._refitted(state, shortlist)
+        found = [f for f in self._refitted(state, shortlist) if self._coarse(f.fit, f.effect)]
+        if not found:
+            return
         found.sort(key=lambda f: f.deviance)
         best = found[0]
         if far_off and self._share(state, best) < _WORTH:
@@ -295,6 +305,15 @@ class Diagnosis:
         return all(
             free.unit != "s" or free.scale == "log" or free.value(abs(float(size))) >= finest or size == 0.0
             for free, size in zip(one.free, scores.size[i], strict=True)
+        )
+
+    def _coarse(self, fitted: Fit, effect_id: str) -> bool:
+        """Return whether a fitted effect is coarser than the grid of the simulation, if it is a matter of time."""
+        finest = _LOOKS * self.problem.forward.dt_s
+        return all(
+            slot.free.unit != "s" or slot.free.scale == "log" or slot.free.value(abs(x)) >= finest
+            for slot, x in zip(fitted.slots, fitted.x, strict=True)
+            if slot.free.owner == effect_id
         )
 
     def _far_off(self, fitted: Fit) -> bool:
@@ -343,7 +362,7 @@ class Diagnosis:
                 self.problem,
                 approach(
                     self.problem, last.fit.model.without(weak[0]), [last.fit.slots[i] for i in slots],
-                    [float(last.fit.x[i]) for i in slots], seed=self._seed + 41, iterations=3, span=1.0,
+                    [float(last.fit.x[i]) for i in slots], seed=self._seed + 41, iterations=3,
                     prior=last.fit.start[slots],
                 ),
             )  # fmt: skip

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.approach import CHANCE, SMALL, approach
+from bench.diagnosis.approach import SMALL, approach
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
-from bench.diagnosis.fitted import Fit
-from bench.diagnosis.looks import look, loss_of, shifted
+from bench.diagnosis.fitted import Fit, prior_precision
+from bench.diagnosis.looks import loss_of, shifted
 from bench.diagnosis.parameters import ALIGNMENT
-from bench.diagnosis.steps import corrected, inside, longest_of, shown, step_from
+from bench.diagnosis.slopes import sample_of, samples_around, slopes
+from bench.diagnosis.steps import inside, longest_of, shown, step_from
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,17 +37,20 @@ __all__ = ["finish", "fit"]
 
 _LOG = logging.getLogger(__name__)
 
+#: Relative error that what is expected may have at the start of a fit.
+_ANYWHERE: Final = 0.3
 #: Effort of one expectation at the solution, and how often it is looked for there.
 _FINE: Final = 3.0
 _POLISHINGS: Final = 6
-#: A step that makes the loss so many times larger went wrong, and the next is shorter.
-_WORSE: Final = 1.2
+#: After a step that makes the loss larger the next is shorter.
 _SHORTER: Final = 0.3
-#: Width of a sharp look, in usual steps, at the most; no wider than that all statistics together move by so many
-#: standard errors, and not narrower than so many samples: chance is small beside that, and lines are straight.
-_SPAN: Final = 2.0
+#: Effort of one end of a difference, near the minimum and where the model is far off. They are so far apart that all
+#: statistics together move by so many standard errors, to either side, if that is no more than a share of the longest
+#: step: chance is small beside that, and lines are straight.
+_SHARP: Final = 0.4
+_BLUNT: Final = 0.15
 _MOVED: Final = 60.0
-_SAMPLES: Final = 4.0
+_FARTHEST: Final = 0.3
 #: The longest last step, beside the longest of all.
 _LAST: Final = 0.1
 #: and of the last step of a fit that is far off, or ends.
@@ -57,7 +61,7 @@ _HOPELESS: Final = 3.0
 
 def fit(problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int) -> Fit:
     """Return the model with its numbers fitted, from the coordinates `x` on; see :func:`approach`."""
-    return finish(problem, approach(problem, model, slots, x, seed=seed))
+    return finish(problem, approach(problem, model, slots, x, seed=seed, wrong=_ANYWHERE))
 
 
 def finish(problem: Problem, near: Approach) -> Fit:
@@ -65,11 +69,12 @@ def finish(problem: Problem, near: Approach) -> Fit:
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
     # A model that is far off is not worth the effort.
     close = near.loss < _HOPELESS * len(problem.measured.labels)
-    widest = _widest(problem, near) if close else None
-    looked = look(problem, model, slots, at, seed + 1, _SPAN if close else 1.0, widest)[1]
-    jacobian = looked
+    ways = _directions(near)
+    samples = samples_around(problem, model, slots, at, seed + 1, ways, _SHARP if close else _BLUNT)
     simulated = problem.simulate([problem.models(model, slots, at)], seed, _FINE)[0]
+    samples.append(sample_of(problem, at, simulated))
     here = shifted(problem, problem.expect(simulated), slots, at)
+    jacobian = slopes(problem, slots, at, here, samples, ways)
     close = close and loss_of(problem, here, slots, at, start) < _HOPELESS * len(here.value)
     visited = [(at, here)]
     seen = [simulated]
@@ -81,17 +86,17 @@ def finish(problem: Problem, near: Approach) -> Fit:
             break
         to = at + delta
         again = problem.simulate([problem.models(model, slots, to)], seed + 10 * (k + 1), _FINE)[0]
+        samples.append(sample_of(problem, to, again))
         there = shifted(problem, problem.expect(again), slots, to)
         before, after = loss_of(problem, here, slots, at, start), loss_of(problem, there, slots, to, start)
         _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", before, after, gain, shown(slots, to))
         visited.append((to, there))
         seen.append(again)
-        if after < before + CHANCE:
+        if after < before:
             at, here, simulated = to, there, again
         else:
             radius *= _SHORTER
-        if after > _WORSE * before:
-            jacobian = corrected(jacobian, delta, there.value - here.value, longest_of(slots, at))
+        jacobian = slopes(problem, slots, at, here, samples, ways)
     here = pooled(problem, visited, jacobian, slots, at, start)
     # The last step is small: what is expected there follows from the changes by coordinate.
     last = inside(slots, at + step_from(problem, here, jacobian, slots, at, start, _LAST if close else _SHORTEST)[0])
@@ -108,7 +113,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
         ratio=here.ratio,
         roots=here.roots,
         deviation=here.deviation,
-        jacobian=looked,
+        jacobian=jacobian,
         scale=scale_of(problem, simulated),
         residual=problem.measured.value - value,
         common=(1.0 + problem.alike(models) / here.recordings) / here.more,
@@ -116,11 +121,13 @@ def finish(problem: Problem, near: Approach) -> Fit:
     return replace(found, frozen=frozen_of(problem, found, models, seen))
 
 
-def _widest(problem: Problem, near: Approach) -> Floats:
-    """Return over how large a difference of each coordinate changes are taken at the most."""
-    widest = _MOVED / np.maximum(near.seen, 1e-300)
-    for i, (slot, x) in enumerate(zip(near.slots, near.at, strict=True)):
-        if slot.free.unit == "s" and slot.free.owner != ALIGNMENT:
-            least = _SAMPLES * problem.forward.dt_s
-            widest[i] = max(widest[i], slot.free.coordinate(slot.free.value(x) + least) - x)
-    return widest
+def _directions(near: Approach) -> Floats:
+    """Return (k, m) along which differences are taken: all of them about equally well seen, in all statistics."""
+    simulated = np.array([slot.free.owner != ALIGNMENT for slot in near.slots])
+    scale = longest_of(near.slots, near.at)[simulated]
+    known = near.information + np.diag(prior_precision(near.slots))
+    values, vectors = np.linalg.eigh(known[np.ix_(simulated, simulated)] * np.outer(scale, scale))
+    far = np.minimum(_MOVED / np.sqrt(np.maximum(values, _MOVED**2 * 1e-6)), _FARTHEST)
+    found = np.zeros((len(near.slots), len(scale)))
+    found[simulated] = scale[:, None] * vectors * far
+    return found

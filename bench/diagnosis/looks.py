@@ -1,4 +1,4 @@
-"""What a model expects of a run at some coordinates, and how that changes by coordinate."""
+"""What a model expects of a run at some coordinates, and how far off that is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.diagnosis import robust
 from bench.diagnosis.fitted import prior_precision, whiten
-from bench.diagnosis.parameters import ALIGNMENT, move
+from bench.diagnosis.parameters import ALIGNMENT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,58 +23,29 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["expect_roughly", "later", "look", "loss_of", "seen_by", "shifted"]
+__all__ = ["expect_roughly", "later", "loss_of", "shifted"]
 
-#: Effort of one expectation on the way to the minimum, and near it.
-_ROUGH: Final = 0.15
-_SHARP: Final = 0.4
-
-
-def look(
-    problem: Problem, model: PixelModel, slots: Sequence[Slot], at: Floats, seed: int, span: float,
-    widest: Floats | None = None,
-) -> tuple[Expectation, Floats]:  # fmt: skip
-    """Return what is expected at these coordinates, and (2, n, k) how that changes, from each of two sensors.
-
-    `span` is the difference between coordinates over which a change is taken, in usual steps. With `widest`, (k,)
-    the largest such differences, it is a sharp look: to both sides, with more effort.
-    """
-    sharp = widest is not None
-    simulated = [i for i, slot in enumerate(slots) if slot.free.owner != ALIGNMENT]
-    ends = []
-    for i in simulated:
-        to = at.copy()
-        to[i] = move(slots[i].free, at[i], span)
-        if widest is not None:
-            to[i] = at[i] + min(max(to[i] - at[i], -widest[i]), widest[i])
-        opposite = at.copy()
-        opposite[i] = max(2.0 * at[i] - to[i], slots[i].free.range[0]) if sharp else at[i]
-        ends.append((opposite, to))
-    places = [at, *(to for _, to in ends), *(back for back, _ in ends if sharp)]
-    found = problem.simulate([problem.models(model, slots, x) for x in places], seed, _SHARP if sharp else _ROUGH)
-    here = shifted(problem, problem.expect(found[0]), slots, at)
-    out = np.zeros((2, len(here.value), len(slots)))
-    for i, slot in enumerate(slots):
-        if slot.free.owner == ALIGNMENT:
-            out[:, :, i] = later(problem, here)
-    above = found[1 : 1 + len(ends)]
-    below = found[1 + len(ends) :] if sharp else [found[0]] * len(ends)
-    for half in range(2):
-        for i, up, down, (back, to) in zip(simulated, above, below, ends, strict=True):
-            apart = problem.expect(up[half::2]).value - problem.expect(down[half::2]).value
-            out[half, :, i] = apart / (to[i] - back[i])
-    return here, out
+#: Effort of one expectation on the way to the minimum.
+_ROUGH: Final = 0.06
 
 
 def later(problem: Problem, here: Expectation) -> Floats:
     """Return the changes when all events come later than the stimulus says, by second: latencies are longer."""
     change = np.zeros(len(here.value))
+    spread = {
+        (label.point, label.part, label.log_contrast, label.width_s): float(here.ratio[i])
+        for i, label in enumerate(problem.measured.labels)
+        if label.view == "latency_spread" and np.isfinite(here.ratio[i])
+    }
     for i, label in enumerate(problem.measured.labels):
-        if label.view == "latency" and np.isfinite(here.ratio[i]):
-            change[i] = math.exp(-here.ratio[i])
-            last = change[i]
-        elif label.view == "latency_spread" and np.isfinite(here.ratio[i]):
-            change[i] = -2.0 * here.ratio[i] * last
+        if label.view not in ("latency", "latency_spread") or not np.isfinite(here.ratio[i]):
+            continue
+        steps = spread.get((label.point, label.part, label.log_contrast, label.width_s), 0.0)
+        if label.view == "latency":
+            # The mean of 1 / t where ln t is normal; a step from one latency to the next has twice its variance.
+            change[i] = inverse = math.exp(-here.ratio[i] + 0.25 * steps)
+        else:
+            change[i] = -2.0 * steps * inverse
     return change
 
 
@@ -82,7 +53,7 @@ def expect_roughly(
     problem: Problem, model: PixelModel, slots: Sequence[Slot], xs: Sequence[Floats], seed: int
 ) -> list[Expectation]:
     """Return what is expected at some coordinates, with little effort and the same random numbers."""
-    found = problem.simulate([problem.models(model, slots, x) for x in xs], seed, _ROUGH)
+    found = problem.glance([problem.models(model, slots, x) for x in xs], seed, _ROUGH)
     return [shifted(problem, problem.expect(sensors), slots, x) for sensors, x in zip(found, xs, strict=True)]
 
 
@@ -96,9 +67,3 @@ def loss_of(problem: Problem, here: Expectation, slots: Sequence[Slot], at: Floa
     """Return the loss of the independent residuals, and what the prior adds."""
     residual = whiten(here.roots, problem.measured.value - here.value, problem.measured.points)
     return robust.loss(residual) + float(np.sum(prior_precision(slots) * (at - start) ** 2))
-
-
-def seen_by(problem: Problem, here: Expectation, jacobian: Floats) -> Floats:
-    """(k,) standard errors by which all statistics together move, by coordinate; chance counts for nothing."""
-    first, second = (whiten(here.roots, half, problem.measured.points) for half in jacobian)
-    return np.asarray(np.sqrt(np.maximum(np.sum(first * second, axis=0), 0.0)))

@@ -12,13 +12,14 @@ from bench.diagnosis.catalogue import cost_of, free_of, needs_array
 from bench.diagnosis.parameters import ALIGNMENT, Free, base_parameters, put, time_offset
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import Measured, expectation, measured
+from bench.diagnosis.ripple import ripple_hz
 from bench.diagnosis.same_law import representatives
 from bench.diagnosis.start import Guess, guess
 from bench.diagnosis.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Sequence
+    from collections.abc import Hashable, Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -38,7 +39,7 @@ _OF_A_SETTING: Final = frozenset({"thresholds", "source_follower_bandwidth", "re
 #: Sensors that are simulated at the least: what differs between them is chance.
 _SENSORS: Final = 2
 #: Runs that are simulated of a model, at the least and at the most.
-_LEAST: Final = 0.125
+_LEAST: Final = 0.0625
 _MOST: Final = 24.0
 
 #: Times are known no better than this beside the stimulus.
@@ -86,6 +87,7 @@ class Problem:
     measured: Measured
     setting: tuple[int, ...]  #: of each point
     timing_sd_s: float  #: how well the events' times are known beside those of the stimulus
+    given: Mapping[str, Mapping[str, float]]  #: of effects: numbers that are not fitted, and can be seen
 
     @classmethod
     def of(cls, points: Sequence[PointData], forward: Forward, blur_s: float = 0.0) -> Problem:
@@ -100,7 +102,10 @@ class Problem:
         found = measured(seen)
         if blur_s > 0.0:
             found = replace(found, labels=_blurred(found.labels, found.ratio, blur_s))
-        return cls(tuple(points), forward, found, tuple(settings_of(points)), max(forward.dt_s, _TIMING_S))
+        ripple = ripple_hz(points)
+        given = {} if ripple is None else {"light_flicker": {"frequency_hz": ripple}}
+        timing_s = max(forward.dt_s, _TIMING_S)
+        return cls(tuple(points), forward, found, tuple(settings_of(points)), timing_s, given)
 
     @property
     def settings(self) -> int:
@@ -153,6 +158,12 @@ class Problem:
             for i, seen in zip(mine, self.forward.run([models[i] for i in mine], seed, number, shares), strict=True):
                 found[i] = seen
         return found
+
+    def glance(self, models: Sequence[Sequence[PixelModel]], seed: int, effort: float) -> list[list[Sensor]]:
+        """Return what one simulated sensor of each model shows, of as many pixels as the effort allows."""
+        amounts = [min(max(effort / self.cost(m), _LEAST), 1.0) for m in models]
+        shares = [1.0 if needs_array(m[0]) else a for m, a in zip(models, amounts, strict=True)]
+        return self.forward.run(models, seed, 1, shares)
 
     def expect(self, sensors: Sequence[Sensor]) -> Expectation:
         """Return what some simulated sensors, of equally many pixels, let expect."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.approach import approach, further, losses_at
+from bench.diagnosis.approach import approach, further, scanned
 from bench.diagnosis.catalogue import free_of, probe_of, switches
 from bench.diagnosis.fit import finish
 from bench.diagnosis.judging import deviance
@@ -28,15 +28,20 @@ __all__ = ["Found", "needless", "refitted", "separation"]
 
 #: An effect whose numbers are all fewer standard errors from null is needless.
 _NEEDED: Final = 2.0
-#: Steps of a fit, and the width of its first, where the model was far off, and where it was not.
-_FAR: Final = (2, 2.0)
-_NEAR: Final = (2, 1.0)
-_FURTHER: Final = 3
+#: Steps of a fit where the model was far off, and where it was not; and the relative error that what is expected may
+#: have at the start where it was.
+_FAR: Final = 6
+_NEAR: Final = 3
+_WRONG: Final = 0.1
+_FURTHER: Final = 4
 _EFFORT: Final = 1.0
 #: Sizes of an effect that are tried with the base numbers of another: beside that of the catalogue, then beside the
 #: best so far; and up to which loss, beside that of the best effect, what was found is gone on with.
 _SCANS: Final = ((0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0), (0.6, 0.8, 1.25, 1.6), (0.9, 1.1))
-_WORTH_STEPS: Final = 3.0
+_WORTH_STEPS: Final = 10.0
+#: Relative error that what is expected may have there, and how far the first step goes.
+_LESS_WRONG: Final = 0.03
+_SHORT_OF: Final = 0.2
 #: Standard errors of a separation that are taken off.
 _SURELY: Final = 2.0
 #: Models whose loss, with little effort, is more than so many times that of the best, and so much more for chance,
@@ -60,7 +65,7 @@ def refitted(
     """Return the models with one of these candidates more, fitted; those that come close to the best of them."""
     near = {i: _approach(problem, here, scores, i, seed, far_off) for i in candidates}
     if far_off:
-        near = _again_from_the_best(problem, near, seed)
+        near = _again_from_the_best(problem, near)
         near = _rivals(near, _EARLY_RIVALS)
         near = {i: further(problem, one, _FURTHER) for i, one in near.items()}
     near = _rivals(near, _RIVALS)
@@ -71,7 +76,7 @@ def refitted(
     return found
 
 
-def _again_from_the_best(problem: Problem, near: dict[int, Approach], seed: int) -> dict[int, Approach]:
+def _again_from_the_best(problem: Problem, near: dict[int, Approach]) -> dict[int, Approach]:
     """Return the approaches, those of the others begun again with the base numbers of the best if that is better.
 
     Far from the minimum an effect is tried with base numbers that have tried to stand in for it. Where another effect
@@ -79,10 +84,10 @@ def _again_from_the_best(problem: Problem, near: dict[int, Approach], seed: int)
     """
     best = min(near, key=lambda i: near[i].loss)
     base = [x for slot, x in zip(near[best].slots, near[best].at, strict=True) if not slot.free.effect]
-    return {i: one if i == best else _rescaled(problem, one, base, near[best].loss, seed) for i, one in near.items()}
+    return {i: one if i == best else _rescaled(problem, one, base, near[best].loss) for i, one in near.items()}
 
 
-def _rescaled(problem: Problem, one: Approach, base: Sequence[float], least: float, seed: int) -> Approach:
+def _rescaled(problem: Problem, one: Approach, base: Sequence[float], least: float) -> Approach:
     """Return the approach, or the one from these base numbers and the size that suits them best if that is better.
 
     `least` is the loss of the best of all: what does not come near to it is not worth the steps.
@@ -90,24 +95,26 @@ def _rescaled(problem: Problem, one: Approach, base: Sequence[float], least: flo
     added = one.model.effects[-1]
     names = {f.name for f in switches(type(added))}
     mine = [i for i, slot in enumerate(one.slots) if slot.free.owner == added.id and slot.free.name in names]
-    at, loss = one.at.copy(), math.inf
+    at = one.at.copy()
     at[[i for i, slot in enumerate(one.slots) if not slot.free.effect]] = base
     size = np.array([one.slots[i].free.coordinate(one.slots[i].free.probe) for i in mine])
+    best = replace(one, loss=math.inf)
     for factors in _SCANS:
         tries = []
         for factor in factors:
             to = at.copy()
             to[mine] = factor * size
             tries.append(inside(one.slots, to))
-        losses = losses_at(problem, one, tries, seed)
-        if min(losses) < loss:
-            loss, at = min(losses), tries[int(np.argmin(losses))]
-            size = at[mine]
-    if loss > _WORTH_STEPS * least:
+        seen = scanned(problem, replace(one, cloud=best.cloud), tries)
+        best = seen if seen.loss < best.loss else replace(best, cloud=seen.cloud)
+        at = best.at
+        size = at[mine]
+    if best.loss > _WORTH_STEPS * least:
         return one
     again = approach(
-        problem, one.model, one.slots, list(at), seed=seed, iterations=_NEAR[0], span=_NEAR[1], prior=one.start
-    )
+        problem, one.model, one.slots, list(best.at), seed=one.seed, iterations=_FAR, wrong=_LESS_WRONG,
+        prior=one.start, cloud=best.cloud, reach=_SHORT_OF,
+    )  # fmt: skip
     return again if again.loss < one.loss else one
 
 
@@ -131,10 +138,11 @@ def _approach(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, fa
         values[free.name] = free.probe
     slots = (*here.slots, *(Slot(f) for f in (*one.free, *shapes)))
     base = here.x + (scores.base[i] if far_off else 0.0)
-    iterations, span = _FAR if far_off else _NEAR
+    iterations, wrong = (_FAR, _WRONG) if far_off else (_NEAR, 0.0)
+    model = here.model + probe_of(one.effect, values, problem.given.get(one.effect.id))
     return approach(
-        problem, here.model + probe_of(one.effect, values), slots, [*base, *coordinates], seed=seed,
-        iterations=iterations, span=span, prior=np.array([*here.start, *coordinates]),
+        problem, model, slots, [*base, *coordinates], seed=seed, iterations=iterations, wrong=wrong,
+        prior=np.array([*here.start, *coordinates]),
     )  # fmt: skip
 
 

@@ -33,6 +33,8 @@ _FEWEST_EVENTS: Final = 12.0
 #: Correlations between the statistics of a point are taken to be this much weaker than they were found.
 _SHRINK: Final = 0.9
 _NOTHING: Final = 1e12
+#: What is no share, count or time may be wrong by so many standard errors where those may be wrong by all they are.
+_COARSE: Final = 30.0
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,13 @@ class Measured:
     def kinds(self) -> Kinds:
         """What kind of statistic each is."""
         return Kinds.of(self.labels)
+
+    @cached_property
+    def families(self) -> npt.NDArray[np.int64]:
+        """(n,) a number for each statistic: the same for one view of one polarity at one light."""
+        known: dict[tuple[str, str, float], int] = {}
+        keys = [(label.view, label.part, float(f"{label.baseline_lux:.3g}")) for label in self.labels]
+        return np.array([known.setdefault(key, len(known)) for key in keys], dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +104,23 @@ class Expectation:
     def roots(self) -> tuple[Floats, ...]:
         """Of each point the matrix that makes its residuals independent, of unit variance."""
         return tuple(_whitener(c * self.more) for c in self.scatter.covariance)
+
+    def tolerance(self, of: Measured, share: float) -> Floats:
+        """(n,) standard deviations of the expectations of a model that may be wrong.
+
+        Parameters
+        ----------
+        of
+            The run.
+        share
+            By which times, counts and angles may be wrong: relative to what they are.
+        """
+        kinds = of.kinds
+        angle = 2.0 * np.sqrt(of.bottom + 0.5)
+        count = 0.5 * np.maximum(of.value, self.value)
+        ratio = kinds.share | kinds.count | kinds.mean
+        wrong = np.where(kinds.share, angle, np.where(kinds.count, count, 1.0))
+        return np.asarray(share * np.where(ratio, wrong, _COARSE * self.deviation))
 
 
 def measured(summaries: Sequence[Summary], labels: Sequence[Label] | None = None) -> Measured:

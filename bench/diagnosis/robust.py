@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy.typing as npt
 
     Floats = npt.NDArray[np.float64]
@@ -42,30 +44,40 @@ def solve(
     towards: Floats,
     lowest: Floats,
     highest: Floats,
+    chance: Callable[[Floats], Floats] | None = None,
 ) -> tuple[Floats, float]:
     """Return the coefficients of columns that explain a residual best, and by how much the loss falls.
 
     Parameters
     ----------
     columns
-        (n, k); chance in them makes coefficients and fall smaller than they are in truth, never larger.
+        (n, k); chance in them makes coefficients and fall smaller than they are in truth, never larger, unless it is
+        known.
     precision, towards
         (k,) of a normal prior of the coefficients.
     lowest, highest
         (k,) bounds of the coefficients.
+    chance
+        What chance in the columns adds to their products with each other, (k, k), with these weights (n,).
     """
     c = np.clip(np.zeros(columns.shape[1]), lowest, highest)
     before = loss(residual)
     for _ in range(_ROUNDS):
         w = weights(residual - columns @ c)[:, None]
-        left = columns.T @ (w * columns) + np.diag(precision)
+        left = columns.T @ (w * columns)
+        if chance is not None:
+            left = positive(left - chance(w[:, 0]))
+        left = left + np.diag(precision)
         right = columns.T @ (w[:, 0] * residual) + precision * towards
         new = _bounded(left, right, lowest, highest)
         done = float(np.max(np.abs(new - c) / (np.abs(new) + 1e-12), initial=0.0)) < _SAME
         c = new
         if done:
             break
-    return c, before - loss(residual - columns @ c) - float(precision @ ((c - towards) ** 2 - towards**2))
+    after = loss(residual - columns @ c) + float(precision @ ((c - towards) ** 2 - towards**2))
+    if chance is not None:
+        after -= float(c @ chance(weights(residual - columns @ c)) @ c)
+    return c, before - after
 
 
 def positive(matrix: Floats) -> Floats:

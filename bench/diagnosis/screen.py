@@ -2,7 +2,7 @@
 
 A probe gives the direction in which an effect of some size moves all statistics. How far the residuals lie along it,
 beyond what the free numbers can take up, is a score test; the expected size follows. Where the model is far off an
-effect is not small, and no straight line: so each is probed at several sizes.
+effect is not small, and no straight line: so the most promising are probed at several sizes.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis import robust
-from bench.diagnosis.catalogue import probe_of, switches
+from bench.diagnosis.catalogue import switches
 from bench.diagnosis.fitted import prior_precision
+from bench.diagnosis.probing import closer, probes_at, sizes_for, visible
 from bench.diagnosis.steps import longest_of
 
 if TYPE_CHECKING:
@@ -24,38 +25,28 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.diagnosis.fitted import Fit
-    from bench.diagnosis.parameters import Free
+    from bench.diagnosis.probing import Probe, Probed
     from bench.diagnosis.problem import Problem
     from sim_backend.pixel.effects.base import Effect
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Probe", "Scores", "basis_of", "beyond", "probe", "score"]
+__all__ = ["Scores", "basis_of", "beyond", "probe", "score"]
 
-#: Sizes at which an effect is probed, beside that of the catalogue, in its coordinate, and the effort of each: where
-#: the model is far off, and where what may be missing is small.
-_FAR: Final = (1.0,)
-_FAR_EFFORT: Final = 0.15
-_NEAR: Final = (0.25,)
+#: Effort of a probe where the model is far off, and where what may be missing is small.
+_FAR_EFFORT: Final = 0.1
 _NEAR_EFFORT: Final = 0.4
 #: Further sizes of the effects that promise most where the model is far off, and how many of them.
 _OTHERS: Final = (0.25, 4.0)
 _PROMISING: Final = 8
+#: Where what may be missing is small, so many of the most promising are looked at closer, with this effort.
+_CLOSER: Final = 5
+_CLOSER_EFFORT: Final = 2.0
 #: A probe says something about effects up to so many times its size.
 _BEYOND: Final = 2.0
 #: A direction that is shorter, in standard errors, is none.
 _INVISIBLE: Final = 1e-3
 _DRAWS: Final = 20000
-
-
-@dataclass(frozen=True)
-class Probe:
-    """An effect at some size, and what it does to all statistics."""
-
-    effect: type[Effect]
-    free: tuple[Free, ...]  #: the numbers that switch it on, each probed by itself
-    at: tuple[float, ...]  #: coordinate of each
-    change: Floats  #: (2, n, k) whitened change of the statistics for each, from two sensors
 
 
 @dataclass(frozen=True)
@@ -73,55 +64,44 @@ class Scores:
 
 
 def probe(
-    problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int, far_off: bool
+    problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int, gross: bool, seen: Probed
 ) -> list[list[Probe]]:  # fmt: skip
-    """Return the probes of some effects; if the model is far off, those that promise most at several sizes."""
-    if not far_off:
-        return _probe(problem, fit, [(e, _NEAR) for e in effects], seed, _NEAR_EFFORT)
-    found = _probe(problem, fit, [(e, _FAR) for e in effects], seed, _FAR_EFFORT)
-    points = problem.measured.points
-    residual, jacobian = fit.whiten(fit.residual, points), fit.whiten(fit.jacobian.mean(axis=0), points)
-    falls = [_explain(fit, jacobian, residual, several[0])[2] for several in found]
-    promising = sorted(np.argsort(falls)[-_PROMISING:])
-    more = _probe(problem, fit, [(effects[i], _OTHERS) for i in promising], seed, _FAR_EFFORT)
-    for i, several in zip(promising, more, strict=True):
+    """Return the probes of some effects; those that promise most at several sizes if they are gross.
+
+    Parameters
+    ----------
+    seen
+        How well effects are seen, as far as that is known; what is found out is added.
+    """
+    if gross:
+        return _of_gross(problem, fit, effects, seed)
+    unknown = [e for e in effects if any((f.owner, f.name) not in seen for f in switches(e))]
+    seen |= visible(problem, fit, unknown, seed)
+    wanted = [(e, [sizes_for(problem, fit, e, seen)]) for e in effects]
+    found = probes_at(problem, fit, wanted, seed, _NEAR_EFFORT)
+    promising = _promising(problem, fit, found, _CLOSER)
+    again = closer(problem, fit, [found[i][0] for i in promising], seed + 1, _CLOSER_EFFORT)
+    for i, one in zip(promising, again, strict=True):
+        found[i] = [one]
+    return found
+
+
+def _of_gross(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int) -> list[list[Probe]]:
+    """Return the probes of effects of the catalogue's size, and of those that promise most of others."""
+    found = probes_at(problem, fit, [(e, [(1.0,) * len(switches(e))]) for e in effects], seed, _FAR_EFFORT)
+    promising = _promising(problem, fit, found, _PROMISING)
+    others = [(effects[i], [(size,) * len(switches(effects[i])) for size in _OTHERS]) for i in promising]
+    for i, several in zip(promising, probes_at(problem, fit, others, seed, _FAR_EFFORT), strict=True):
         found[i] += several
     return found
 
 
-def _probe(
-    problem: Problem, fit: Fit, wanted: Sequence[tuple[type[Effect], Sequence[float]]], seed: int, effort: float
-) -> list[list[Probe]]:
-    """Return the probes of effects, each at some sizes beside that of the catalogue."""
-    base = problem.models(fit.model, fit.slots, fit.x)
-    places: list[tuple[int, tuple[float, ...]]] = []
-    models = []
-    for number, (effect, sizes) in enumerate(wanted):
-        for factor in sizes:
-            at = tuple(_coordinate(f, factor) for f in switches(effect))
-            places.append((number, at))
-            for free, coordinate in zip(switches(effect), at, strict=True):
-                off = {f.name: _null(effect, f) for f in switches(effect) if f is not free}
-                one = probe_of(effect, {**off, free.name: free.value(coordinate)})
-                models.append([m + one for m in base])
-    changes = iter(problem.changes(base, models, seed, effort))
-    found: list[list[Probe]] = [[] for _ in wanted]
-    for number, at in places:
-        columns = np.stack([next(changes) for _ in at], axis=2)
-        whitened = np.stack([fit.whiten(half, problem.measured.points) for half in columns])
-        effect = wanted[number][0]
-        found[number].append(Probe(effect, switches(effect), at, whitened))
-    return found
-
-
-def _coordinate(free: Free, factor: float) -> float:
-    low, high = free.range
-    return min(max(free.coordinate(free.probe) * factor, low), high)
-
-
-def _null(effect: type[Effect], free: Free) -> float:
-    null = next(p.null for p in effect.parameters() if p.name == free.name)
-    return 0.0 if null is None else null
+def _promising(problem: Problem, fit: Fit, probes: Sequence[Sequence[Probe]], count: int) -> list[int]:
+    """Return which effects explain most, by their first probe."""
+    points = problem.measured.points
+    residual, jacobian = fit.whiten(fit.residual, points), fit.whiten(fit.jacobian.mean(axis=0), points)
+    falls = [_explain(fit, jacobian, residual, several[0])[2] for several in probes]
+    return sorted(int(i) for i in np.argsort(falls)[-count:])
 
 
 def beyond(basis: Floats, columns: Floats) -> Floats:

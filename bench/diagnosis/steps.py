@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -20,31 +21,28 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["corrected", "inside", "longest_of", "shown", "step_from"]
+__all__ = ["inside", "longest_of", "shown", "step_from"]
 
 #: No step is longer than this: in ln units for a threshold, and for other numbers of the base pixel.
 _LONGEST_THRESHOLD: Final = 0.3
 _LONGEST_BASE: Final = 0.7
 #: and for the time offset, in the standard deviation that is expected of it.
 _LONGEST_OFFSET: Final = 10.0
-#: Numbers are known beforehand when their precision is more than this.
-_HELD: Final = 25.0
 
 
 def step_from(
     problem: Problem, here: Expectation, jacobian: Floats, slots: Sequence[Slot], at: Floats, start: Floats,
     radius: float,
-    *,
-    hold: bool = False,
 ) -> tuple[Floats, float]:  # fmt: skip
     """Return the step that lowers the loss most where all changes are linear, and by how much; not a long one.
 
-    With `hold`, numbers that are known beforehand stay: far away they would only stand in for others.
+    Chance in the changes would make them look larger, and the step shorter, than they are; what two sensors differ by
+    tells how much of it there is. Half of that is taken off: all of it might leave next to nothing, and a step to
+    anywhere.
     """
     points, roots = problem.measured.points, here.roots
     longest = radius * longest_of(slots, at)
-    if hold:
-        longest[prior_precision(slots) > _HELD] = 0.0
+    differ = math.sqrt(0.125) * whiten(roots, jacobian[0] - jacobian[1], points)
     low, high = (np.array([s.free.range[end] for s in slots]) for end in (0, 1))
     delta, gain = robust.solve(
         whiten(roots, jacobian.mean(axis=0), points),
@@ -53,18 +51,9 @@ def step_from(
         start - at,
         np.maximum(low - at, -longest),
         np.minimum(high - at, longest),
+        chance=lambda w: differ.T @ (w[:, None] * differ),
     )
     return delta, gain
-
-
-def corrected(jacobian: Floats, delta: Floats, change: Floats, longest: Floats) -> Floats:
-    """Return the changes by coordinate, made right along a step of which the change is known better.
-
-    Source: C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations", Math. Comp. 19 (1965).
-    """
-    scaled = delta / longest**2
-    along = scaled / max(float(delta @ scaled), 1e-300)
-    return np.stack([j + np.outer(change - j @ delta, along) for j in jacobian])
 
 
 def longest_of(slots: Sequence[Slot], at: Floats) -> Floats:

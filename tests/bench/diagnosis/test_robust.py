@@ -39,6 +39,19 @@ def test_bounds_hold_and_the_others_follow() -> None:
     assert found[0] == pytest.approx(alone[0], rel=1e-2)
 
 
+def test_chance_in_the_columns_that_is_known_makes_no_step_shorter() -> None:
+    n = 4000
+    true = RNG.standard_normal((n, 2))
+    chance = np.diag([0.5, 1.0])
+    seen = true + RNG.standard_normal((n, 2)) @ np.sqrt(chance)
+    residual = 0.02 * true @ np.array([1.0, -1.0])
+    shorter, _ = solve(seen, residual, np.zeros(2), np.zeros(2), -OPEN, OPEN)
+    found, _ = solve(seen, residual, np.zeros(2), np.zeros(2), -OPEN, OPEN, chance=lambda w: float(w.sum()) * chance)
+    # Of independent columns of unit variance a share of 1 / (1 + variance of chance) is left.
+    assert shorter == pytest.approx(0.02 * np.array([1.0 / 1.5, -1.0 / 2.0]), rel=0.1)
+    assert found == pytest.approx(0.02 * np.array([1.0, -1.0]), rel=0.15)
+
+
 def test_the_loss_is_square_for_small_and_straight_for_large_residuals() -> None:
     assert loss(np.array([0.1])) == pytest.approx(0.01, rel=1e-3)
     assert loss(np.array([2000.0])) / loss(np.array([1000.0])) == pytest.approx(2.0, rel=0.01)

@@ -12,8 +12,9 @@ import pytest
 from bench.diagnosis.catalogue import switches
 from bench.diagnosis.fitted import Fit
 from bench.diagnosis.parameters import base_parameters
+from bench.diagnosis.probing import Probe
 from bench.diagnosis.problem import Slot
-from bench.diagnosis.screen import Probe, score
+from bench.diagnosis.screen import score
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.registry import effects
 

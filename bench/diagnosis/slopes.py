@@ -1,0 +1,86 @@
+"""How what is expected changes by coordinate, from all that was simulated around a place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.diagnosis.looks import later
+from bench.diagnosis.parameters import ALIGNMENT
+from bench.diagnosis.steps import inside
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.forward import Sensor
+    from bench.diagnosis.problem import Problem, Slot
+    from bench.diagnosis.residuals import Expectation
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Sample", "sample_of", "samples_around", "slopes"]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Coordinates, and what two independent sensors let expect there, whose events come when the stimulus says."""
+
+    at: Floats  #: (k,)
+    halves: Floats  #: (2, n)
+    recordings: float
+
+
+def sample_of(problem: Problem, at: Floats, sensors: Sequence[Sensor]) -> Sample:
+    """Return simulated sensors as a sample."""
+    halves = [problem.expect(sensors[half::2]) for half in range(2)]
+    return Sample(at, np.stack([e.value for e in halves]), sum(e.recordings for e in halves))
+
+
+def samples_around(
+    problem: Problem, model: PixelModel, slots: Sequence[Slot], at: Floats, seed: int, directions: Floats,
+    effort: float,
+) -> list[Sample]:  # fmt: skip
+    """Simulate to both sides of a place.
+
+    Parameters
+    ----------
+    at
+        (k,) coordinates.
+    directions
+        (k, m) in the columns: how far to go.
+    effort
+        For each sample.
+    """
+    places = [inside(slots, at + sign * way) for way in directions.T for sign in (1.0, -1.0)]
+    found = problem.simulate([problem.models(model, slots, x) for x in places], seed, effort)
+    return [sample_of(problem, x, sensors) for x, sensors in zip(places, found, strict=True)]
+
+
+def slopes(
+    problem: Problem, slots: Sequence[Slot], at: Floats, here: Expectation, samples: Sequence[Sample],
+    directions: Floats,
+) -> Floats:  # fmt: skip
+    """Return (2, n, k) the slopes of straight lines through samples, for each of the two sensors.
+
+    Samples count by the number of simulated pixels, less beyond the directions in which was looked, where lines are
+    not straight. What a time offset changes is known.
+    """
+    offset = np.array([slot.free.owner == ALIGNMENT for slot in slots])
+    away = np.stack([s.at - at for s in samples]) @ np.linalg.pinv(directions).T
+    beyond = np.maximum(np.sum(away**2, axis=1) - 1.0, 0.0)
+    weight = np.array([s.recordings for s in samples]) * np.exp(-0.5 * beyond)
+    columns = np.column_stack([np.ones(len(samples)), np.stack([s.at - at for s in samples])[:, ~offset]])
+    root = np.sqrt(weight)[:, None]
+    scale = np.array([1.0, *np.maximum(np.abs(directions).max(axis=1)[~offset], 1e-300)])
+    back = np.linalg.pinv(root * columns * scale) * root[:, 0]
+    out = np.zeros((2, len(here.value), len(slots)))
+    out[:, :, offset] = later(problem, here)[:, None]
+    for half in range(2):
+        values = np.stack([s.halves[half] for s in samples])
+        out[half][:, ~offset] = ((back @ values) * scale[:, None])[1:].T
+    return out
