@@ -68,6 +68,8 @@ _SHARES: Final = (1.0, 0.3, 0.0)
 #: Numbers are known beforehand when their precision is more than this: on the way they would but stand in for others.
 _KNOWN: Final = 25.0
 _AS_GOOD_AS_NONE: Final = 1e-9
+#: They are looked around in within so many standard deviations.
+_OF_KNOWN: Final = 2.0
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,7 @@ class _Way:
         self._rng = np.random.default_rng(seed)
         self.cloud = Cloud(known.places)
         self._wrong = 0.0
+        self._at: Floats | None = None
 
     def set_out(self, at: Floats, reach: float, wrong: float) -> None:
         """Look at the start and around it, unless all that was done before."""
@@ -153,11 +156,11 @@ class _Way:
         self._judge()
         known = [place for place in self.cloud.places if np.array_equal(place.at, at)]
         if known:
-            self._here = known[0]
+            self._at = known[0].at
             return
         before = len(self.cloud.places)
         self._look([at, *self._around(at, len(at) if before else 2 * len(at))])
-        self._here = min(self.cloud.places[before:], key=lambda place: place.loss)
+        self._at = min(self.cloud.places[before:], key=lambda place: place.loss).at
 
     def best_of(self, places: Sequence[Floats]) -> tuple[Floats, float]:
         """Look at some places, and return the best of them with its loss."""
@@ -165,6 +168,11 @@ class _Way:
         self._look(places)
         best = min(self.cloud.places[before:], key=lambda place: place.loss)
         return best.at, best.loss
+
+    @property
+    def _here(self) -> Place:
+        """The best place so far since the way was set out on."""
+        return next(place for place in self.cloud.places if place.at is self._at)
 
     def step(self) -> bool:
         """Take a step; return whether the way has come to its end."""
@@ -174,7 +182,7 @@ class _Way:
         best = min(self.cloud.places[before:], key=lambda place: place.loss)
         fell = max(here.loss - best.loss, 0.0)
         if fell:
-            self._here = best
+            self._at = best.at
         size = float(np.max(np.abs(self._here.at - here.at) / longest_of(self._slots, here.at)))
         _LOG.debug("reach %.2g, wrong %.2g, loss %.5g to %.5g, at %s", self._reach, self._wrong, here.loss, best.loss,
                    shown(self._slots, self._here.at))  # fmt: skip
@@ -236,7 +244,10 @@ class _Way:
         return lines
 
     def _around(self, at: Floats, count: int) -> list[Floats]:
-        scale = np.where(self._offset, 0.0, self._longest(at))
+        """Return places around one; numbers that are held are tried, too: what they do must be known."""
+        scale = np.where(self._offset, 0.0, longest_of(self._slots, at))
+        known = self._precision > _KNOWN
+        scale[known] = np.minimum(scale[known], _OF_KNOWN / np.sqrt(self._precision[known]))
         return around(at, scale, _WITHIN * self._reach / math.sqrt(len(at)), count, self._rng)
 
     def _longest(self, at: Floats) -> Floats:
@@ -252,8 +263,6 @@ class _Way:
     def _judge(self) -> None:
         """Work out all losses again."""
         self.cloud.places = [Place(p.at, p.expected, self._loss(p.expected, p.at)) for p in self.cloud.places]
-        if hasattr(self, "_here"):
-            self._here = next(p for p in self.cloud.places if p.at is self._here.at)
 
     def _deviation(self, e: Expectation) -> Floats:
         if not self._wrong:

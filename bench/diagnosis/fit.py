@@ -51,6 +51,8 @@ _SHARP: Final = 0.4
 _BLUNT: Final = 0.15
 _MOVED: Final = 60.0
 _FARTHEST: Final = 0.3
+#: A loss is known to about this: where no more was promised, and it did not fall, the fit is there.
+_DOUBTFUL: Final = 15.0
 #: The longest last step, beside the longest of all.
 _LAST: Final = 0.1
 #: and of the last step of a fit that is far off, or ends.
@@ -94,6 +96,8 @@ def finish(problem: Problem, near: Approach) -> Fit:
         seen.append(again)
         if after < before:
             at, here, simulated = to, there, again
+        elif gain < _DOUBTFUL:
+            break
         else:
             radius *= _SHORTER
         jacobian = slopes(problem, slots, at, here, samples, ways)
