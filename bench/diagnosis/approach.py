@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["SMALL", "Approach", "approach", "further", "scanned"]
+__all__ = ["Approach", "approach", "further", "scanned"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -39,8 +39,6 @@ _ITERATIONS: Final = 24
 _CHANCE: Final = 30.0
 _LITTLE: Final = 0.03
 _IDLE: Final = 2
-#: A fit ends when a step would lower the loss by less than this.
-SMALL: Final = 1.0
 #: Relative errors that a model may have in turn, where the start may be anywhere: far away standard errors are no
 #: measure of how far. The next one's turn is when the loss per statistic is below the limit, or a short step lowers
 #: the loss by less than a share.
@@ -120,19 +118,19 @@ def approach(
     return way.end()
 
 
-def further(problem: Problem, near: Approach, iterations: int, to: Floats | None = None) -> Approach:
-    """Go on, from where it ended or from other coordinates."""
+def further(problem: Problem, near: Approach, iterations: int) -> Approach:
+    """Go on from where it ended."""
     return approach(
-        problem, near.model, near.slots, list(near.at if to is None else to), seed=near.seed, iterations=iterations,
-        prior=near.start, cloud=near.cloud, reach=near.reach if to is None else None,
+        problem, near.model, near.slots, list(near.at), seed=near.seed, iterations=iterations, prior=near.start,
+        cloud=near.cloud, reach=near.reach,
     )  # fmt: skip
 
 
 def scanned(problem: Problem, near: Approach, places: Sequence[Floats]) -> Approach:
     """Return the best of some places, all of which are remembered."""
     way = _Way(problem, near.model, near.slots, near.start, near.seed, near.cloud)
-    at, loss = way.best_of(places)
-    return replace(near, at=at, loss=loss, cloud=way.cloud)
+    best = way.look(places)
+    return replace(near, at=best.at, loss=best.loss, cloud=way.cloud)
 
 
 class _Way:
@@ -158,16 +156,16 @@ class _Way:
         if known:
             self._at = known[0].at
             return
-        before = len(self.cloud.places)
-        self._look([at, *self._around(at, len(at) if before else 2 * len(at))])
-        self._at = min(self.cloud.places[before:], key=lambda place: place.loss).at
+        beside = len(at) if self.cloud.places else 2 * len(at)
+        self._at = self.look([at, *self._around(at, beside)]).at
 
-    def best_of(self, places: Sequence[Floats]) -> tuple[Floats, float]:
-        """Look at some places, and return the best of them with its loss."""
-        before = len(self.cloud.places)
-        self._look(places)
-        best = min(self.cloud.places[before:], key=lambda place: place.loss)
-        return best.at, best.loss
+    def look(self, places: Sequence[Floats]) -> Place:
+        """Look at some places, and return the best of them."""
+        at = [inside(self._slots, place) for place in places]
+        found = expect_roughly(self._problem, self._model, self._slots, at, self._seed)
+        seen = [Place(x, e, self._loss(e, x)) for x, e in zip(at, found, strict=True)]
+        self.cloud.places += seen
+        return min(seen, key=lambda place: place.loss)
 
     @property
     def _here(self) -> Place:
@@ -176,10 +174,8 @@ class _Way:
 
     def step(self) -> bool:
         """Take a step; return whether the way has come to its end."""
-        here, before = self._here, len(self.cloud.places)
-        tries = self._tries()
-        self._look([*tries, *self._around(here.at, _BESIDE)])
-        best = min(self.cloud.places[before:], key=lambda place: place.loss)
+        here = self._here
+        best = self.look([*self._tries(), *self._around(here.at, _BESIDE)])
         fell = max(here.loss - best.loss, 0.0)
         if fell:
             self._at = best.at
@@ -254,11 +250,6 @@ class _Way:
         longest = longest_of(self._slots, at)
         held = (self._precision > _KNOWN) & (~self._offset | bool(self._wrong))
         return np.where(held, _AS_GOOD_AS_NONE * longest, longest)
-
-    def _look(self, places: Sequence[Floats]) -> None:
-        at = [inside(self._slots, place) for place in places]
-        found = expect_roughly(self._problem, self._model, self._slots, at, self._seed)
-        self.cloud.places += [Place(x, e, self._loss(e, x)) for x, e in zip(at, found, strict=True)]
 
     def _judge(self) -> None:
         """Work out all losses again."""

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.parameters import Free
     from bench.diagnosis.probing import Probed
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.result import Step, Verdict
@@ -268,7 +269,7 @@ class Diagnosis:
             known = {one.effect.id for one in scores.probes}
             twins = [TWINS[name] for name in shortlist if name in TWINS]
             shortlist += [name for name in twins if name in known and name not in shortlist]
-        found = [f for f in self._refitted(state, shortlist) if self._coarse(f.fit, f.effect)]
+        found = [f for f in self._refitted(state, shortlist) if self._is_coarse(f.fit, f.effect)]
         if not found:
             return
         found.sort(key=lambda f: f.deviance)
@@ -300,21 +301,17 @@ class Diagnosis:
 
     def _can_judge(self, scores: Scores, i: int) -> bool:
         """Return whether an effect is coarser than the grid of the simulation, if it is a matter of time."""
-        one = scores.probes[i]
-        finest = _LOOKS * self.problem.forward.dt_s
-        return all(
-            free.unit != "s" or free.scale == "log" or free.value(abs(float(size))) >= finest or size == 0.0
-            for free, size in zip(one.free, scores.size[i], strict=True)
-        )
+        sizes = zip(scores.probes[i].free, scores.size[i], strict=True)
+        return all(size == 0.0 or self._coarse(free, float(size)) for free, size in sizes)
 
-    def _coarse(self, fitted: Fit, effect_id: str) -> bool:
-        """Return whether a fitted effect is coarser than the grid of the simulation, if it is a matter of time."""
+    def _is_coarse(self, fitted: Fit, effect_id: str) -> bool:
+        """Return the same of a fitted effect."""
+        numbers = zip(fitted.slots, fitted.x, strict=True)
+        return all(self._coarse(slot.free, float(x)) for slot, x in numbers if slot.free.owner == effect_id)
+
+    def _coarse(self, free: Free, coordinate: float) -> bool:
         finest = _LOOKS * self.problem.forward.dt_s
-        return all(
-            slot.free.unit != "s" or slot.free.scale == "log" or slot.free.value(abs(x)) >= finest
-            for slot, x in zip(fitted.slots, fitted.x, strict=True)
-            if slot.free.owner == effect_id
-        )
+        return free.unit != "s" or free.scale == "log" or free.value(abs(coordinate)) >= finest
 
     def _far_off(self, fitted: Fit) -> bool:
         """Return whether straight lines do not tell what is missing."""

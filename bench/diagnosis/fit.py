@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.approach import SMALL, approach
+from bench.diagnosis.approach import approach
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitted import Fit, prior_precision
 from bench.diagnosis.looks import loss_of, shifted
@@ -42,6 +42,8 @@ _ANYWHERE: Final = 0.3
 #: Effort of one expectation at the solution, and how often it is looked for there.
 _FINE: Final = 3.0
 _POLISHINGS: Final = 6
+#: A fit ends when a step would lower the loss by less than this.
+_SMALL: Final = 1.0
 #: After a step that makes the loss larger the next is shorter.
 _SHORTER: Final = 0.3
 #: Effort of one end of a difference, near the minimum and where the model is far off. They are so far apart that all
@@ -84,7 +86,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
     for k in range(_POLISHINGS if close else 0):
         delta, gain = step_from(problem, here, jacobian, slots, at, start, radius)
         # Chance of the simulation alone promises about half a unit for each coordinate.
-        if gain < SMALL + 0.5 * len(slots):
+        if gain < _SMALL + 0.5 * len(slots):
             break
         to = at + delta
         again = problem.simulate([problem.models(model, slots, to)], seed + 10 * (k + 1), _FINE)[0]
