@@ -54,8 +54,10 @@ class ChipLight:
         self.rise_tau_s = commanded.rise_tau_s  #: time constant of the source's edges, s
         self._room_lux = np.asarray(light.room_lux)
         self._nd_factor = np.where(np.asarray(light.nd_od) > 0.0, math.pow(10.0, -chain.nd_error_od), 1.0)
-        drawn = 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])
-        self._phase = drawn if chain.flicker_phase is None else chain.flicker_phase
+        self._phase = 0.0
+        if chain.flicker_depth != 0.0:
+            drawn = 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])
+            self._phase = drawn if chain.flicker_phase is None else chain.flicker_phase
 
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
@@ -140,6 +142,8 @@ def commanded_light(chain: Chain, light: LightHistory) -> LightHistory:
             f"light: the source's rise time ({light.rise_tau_s:g} s) and the model's ({chain.rise_tau_s:g} s) are "
             "both given; expected one"
         )
+    if chain.contrast_gain == 1.0 and chain.rise_tau_s == 0.0:
+        return light
     rise_tau_s = max(chain.rise_tau_s, light.rise_tau_s)
     return LightHistory(light.t_s, _with_contrast(chain, light), rise_tau_s, light.nd_od, light.room_lux)
 

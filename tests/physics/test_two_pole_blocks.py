@@ -14,7 +14,7 @@ from protocols.points import Roi
 from sim_backend.pixel import PixelModel, build_chain
 from sim_backend.pixel.effects import LowFrequencyNoise, PhotoreceptorBandwidth, ShotNoise
 from sim_backend.pixel.engines import block_law_kernels as law
-from sim_backend.pixel.engines.excursion_kernels import first_crossing, inside, refill
+from sim_backend.pixel.engines.excursion_kernels import START, STATES, first_crossing, inside, refill
 from sim_backend.pixel.engines.lanes import Grid, coefficients
 from sim_backend.pixel.engines.two_poles import slow_noise
 
@@ -49,7 +49,7 @@ def prepared(corner_hz: float, rms: float, hz_per_fa: float, current_fa: float, 
     c = coefficients(Grid(DT_S, euler=False), chain)
     slow = slow_noise(dataclasses.replace(chain, corner_hz=min(corner_hz, 200.0)), DT_S)
     table = np.zeros((len(slow), law.COLUMNS))
-    law.make_table(current_fa, c, slow, len(slow) - 1, table)
+    law.make_table(current_fa, c, slow, len(slow) - 1, table, np.empty((2, law.PARTS)))
     return c, slow, table
 
 
@@ -99,7 +99,21 @@ def test_bounds_hold_at_every_sample(
         assert (mean_v, mean_p) == pytest.approx(tuple(expected), abs=1e-7)
         assert (vv, vp, pp) == pytest.approx((rest[0, 0], rest[0, 1], rest[1, 1]), abs=1e-9)
     for (start, end), out in zip(ends, outs.T, strict=True):
-        up, down = law.clearance(table, j, start[0], start[1], 0.0, end[0], end[1], 0.0, 1.0, -1.0)
+        up, down = law.clearance(table, slow, j, start[0], start[1], 0.0, end[0], end[1], 0.0, 1.0, -1.0)
+        assert out.max() <= 1.0 - up + 1e-9
+        assert out.min() >= down - 1.0 - 1e-9
+
+
+@pytest.mark.parametrize("j", [2, 5, 9])
+def test_slow_noise_stays_within_its_bounds(j: int) -> None:
+    """Ends above, below, and on both sides of its mean: it is expected nearer to the mean than either end at most."""
+    _, slow, table = prepared(200.0, 0.06, 5.0, 254.0, slow_rms=0.06)
+    for ends in [(0.1, 0.1), (-0.1, -0.08), (0.1, -0.02), (0.2, 0.01)]:
+        up, down = law.clearance(table, slow, j, 0.01, 0.02, ends[0], -0.02, 0.01, ends[1], 1.0, -1.0)
+        laws = [
+            inside(table, slow, k, (1 << j) - k, 0.01, 0.02, ends[0], -0.02, 0.01, ends[1]) for k in range(1, 1 << j)
+        ]
+        out = np.array([one[0] + one[2] for one in laws])
         assert out.max() <= 1.0 - up + 1e-9
         assert out.min() >= down - 1.0 - 1e-9
 
@@ -134,11 +148,12 @@ def dense(repeats, table, slow, j, start, end, on_level, slope, first):  # type:
 def proposed(repeats, table, slow, j, start, end, on_level, slope, first):  # type: ignore[no-untyped-def]
     """Count which sample the fast engine takes."""
     words, z, numbers = np.empty(128, np.uint32), np.empty(128, np.float32), np.array([128, 0])
-    way, found = np.empty((16, 4)), np.empty(3)
+    way, states = np.empty((16, 4)), np.empty((STATES, 3))
+    states[START] = start
     for _ in range(repeats):
         k = first_crossing(
-            table, slow, j, start, end, on_level, -100.0, slope, np.uint32(9), np.uint32(3), np.uint32(4), words, z,
-            numbers, way, found,
+            table, slow, j, states, end, on_level, -100.0, slope, np.uint32(9), np.uint32(3), np.uint32(4), words, z,
+            numbers, way,
         )  # fmt: skip
         if k > 0:
             first[k] += 1
@@ -150,7 +165,7 @@ def test_the_first_crossing_of_a_rare_block_is_that_of_all_samples(slow_rms: flo
     j = 4
     _, slow, table = prepared(200.0, 0.06, 5.0, 254.0, slow_rms)
     start, end = np.array([0.1, 0.0, 0.2 * slow_rms]), np.array([0.1, 0.1, 0.4 * slow_rms])
-    up, _ = law.clearance(table, j, start[0], start[1], start[2], end[0], end[1], end[2], 0.0, -100.0)
+    up, _ = law.clearance(table, slow, j, start[0], start[1], start[2], end[0], end[1], end[2], 0.0, -100.0)
     level = 1.0001 * table[j, law.LIMIT] * table[j, law.DEVIATION] - up + slope * 2**j
     all_samples, taken = np.zeros(2**j), np.zeros(2**j)
     many, few = 4_000_000, 400_000

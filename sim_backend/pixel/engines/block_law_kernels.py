@@ -12,20 +12,21 @@ from typing import Final
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit
 from sim_backend.pixel.engines.general_kernels import exp_falling
 
 #: A sample counts as unable to be beyond a level that is this many of its conditional standard deviations away, or
 #: more: a Brownian bridge reaches a level at K times the deviation in its middle with exp(-K^2 / 2) = 7e-10.
 STRICT: Final = 6.5
 #: Bound on the chance that a block which is done with one random number crosses a level.
-RARE: Final = 0.003
+RARE: Final = 0.03
 #: A block is begun only if the levels also are this many of the deviations of its end away.
 _REACH: Final = 0.5
 #: Largest j of a block of 2^j samples.
 MOST_HALVINGS: Final = 13
 #: Between the ends of a block the expected output is looked at in 2^DEPTH parts when the table is made.
 _DEPTH: Final = 4
+PARTS: Final = (1 << _DEPTH) + 1
 #: and may be this much further from the lines between the quarters in between.
 _BETWEEN_PARTS: Final = 1.1
 
@@ -44,7 +45,7 @@ G1: Final = 10  #: the same from the end
 M11: Final = 14  #: Cholesky factor of the rest in the middle
 M21: Final = 15
 M22: Final = 16
-SLACK: Final = 17  #: how far the output can be above its parabola of quarters, per |v0|, |p0|, |v1|, |p1|
+SLACK: Final = 17  #: how far the output can be from the lines between its quarters, per |v0|, |p0|, |v1|, |p1|
 DEVIATION: Final = 21  #: largest conditional deviation of the output inside
 LIMIT: Final = 22  #: with both levels so many deviations away, a block crosses with less than RARE
 REACH: Final = 23  #: how far away a level must be for a block to be worth while
@@ -58,13 +59,13 @@ S_REST: Final = 3  #: deviation of the rest
 SLOW_COLUMNS: Final = 4
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def tail(x):  # type: ignore[no-untyped-def]
     """Return the probability that a standard normal number is above x."""
     return 0.5 * math.erfc(x * math.sqrt(0.5))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def normal_above(a, u):  # type: ignore[no-untyped-def]
     """Return the standard normal number above a >= 0 whose tail is the part u of that of a."""
     target = math.log(tail(a)) + math.log(u)
@@ -75,7 +76,7 @@ def normal_above(a, u):  # type: ignore[no-untyped-def]
     return max(x, a)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def receptor(current, c):  # type: ignore[no-untyped-def]
     """Return factor of the photoreceptor, what shot noise adds to it, and rms of the noise of the source follower.
 
@@ -88,7 +89,7 @@ def receptor(current, c):  # type: ignore[no-untyped-def]
     return 0.0, 0.0, math.hypot(c.sigma, (1.0 - c.rho) * shot)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def cholesky(vv, vp, pp):  # type: ignore[no-untyped-def]
     """Return the factor (l11, l21, l22) of a covariance of v and p."""
     l11 = math.sqrt(max(vv, 0.0))
@@ -96,9 +97,9 @@ def cholesky(vv, vp, pp):  # type: ignore[no-untyped-def]
     return l11, l21, math.sqrt(max(pp - l21 * l21, 0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def make_table(current, c, slow, levels, table):  # type: ignore[no-untyped-def]
-    """Write the rows j = 0 to `levels` for a photocurrent (fA)."""
+@lean_njit()
+def make_table(current, c, slow, levels, table, parts):  # type: ignore[no-untyped-def]
+    """Write the rows j = 0 to `levels` for a photocurrent (fA); `parts`, (2, PARTS), is room to work in."""
     forget, added, sigma = receptor(current, c)
     # x <- A x + noise; noise of v: (1 - rho) of what is added to p, and its own.
     avv, avp, app = c.rho, (1.0 - c.rho) * forget, forget
@@ -117,7 +118,7 @@ def make_table(current, c, slow, levels, table):  # type: ignore[no-untyped-def]
         avv, avp, app = avv * avv, avp * (avv + app), app * app
         vv, vp, pp = next_vv, next_vp, next_pp
     for j in range(2, levels + 1):
-        _bounds(table, j)
+        _bounds(table, j, parts)
         row = table[j]
         row[DEVIATION] = math.hypot(_deviation(table, j), slow[j, S_REST])
         row[LIMIT] = normal_above(0.0, RARE / ((1 << j) - 1))
@@ -126,7 +127,7 @@ def make_table(current, c, slow, levels, table):  # type: ignore[no-untyped-def]
     table[1, REACH] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def _middle(half, row, vv, vp, pp, whole_vv, whole_vp, whole_pp):  # type: ignore[no-untyped-def]
     """Write the law in the middle of a block: ``K = C A' W^-1``, ``G0 = A - K A A``, ``G1 = K``, rest ``C - K A C``.
 
@@ -152,7 +153,7 @@ def _middle(half, row, vv, vp, pp, whole_vv, whole_vp, whole_pp):  # type: ignor
     row[M11], row[M21], row[M22] = cholesky(rest_vv, rest_vp, rest_pp)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit(forceinline=True)
 def between(table, j, v0, p0, v1, p1):  # type: ignore[no-untyped-def]
     """Return the expected v and p in the middle of a block."""
     v = table[j, G0] * v0 + table[j, G0 + 1] * p0 + table[j, G1] * v1 + table[j, G1 + 1] * p1
@@ -160,26 +161,31 @@ def between(table, j, v0, p0, v1, p1):  # type: ignore[no-untyped-def]
     return v, p
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _bounds(table, j):  # type: ignore[no-untyped-def]
+@lean_njit()
+def _bounds(table, j, parts):  # type: ignore[no-untyped-def]
     """Write by how much the expected output can leave the lines between its quarters, for each end's v and p.
 
     It is looked at in equal parts, and at all halvings towards both ends: what a low-pass much faster than the block
     does is over soon behind its start, or comes right before its end.
     """
     for which in range(4):
-        ends = np.zeros(4)  # v and p at the start, v and p at the end
-        ends[which] = 1.0
-        most = max(_in_parts(table, j, ends), _towards_ends(table, j, ends))
+        # v and p at the start, v and p at the end
+        ends = (
+            1.0 if which == 0 else 0.0,
+            1.0 if which == 1 else 0.0,
+            1.0 if which == 2 else 0.0,
+            1.0 if which == 3 else 0.0,
+        )
+        most = max(_in_parts(table, j, ends, parts), _towards_ends(table, j, ends))
         table[j, SLACK + which] = _BETWEEN_PARTS * most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _in_parts(table, j, ends):  # type: ignore[no-untyped-def]
+@lean_njit()
+def _in_parts(table, j, ends, room):  # type: ignore[no-untyped-def]
     """Return how far the expected output is from the lines between the quarters, at 2^DEPTH parts of a block."""
     depth = min(j, _DEPTH)
     parts = 1 << depth
-    v, p = np.zeros(parts + 1), np.zeros(parts + 1)
+    v, p = room[0], room[1]
     v[0], p[0], v[parts], p[parts] = ends
     step = parts
     for level in range(depth):
@@ -196,7 +202,7 @@ def _in_parts(table, j, ends):  # type: ignore[no-untyped-def]
     return most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def _towards_ends(table, j, ends):  # type: ignore[no-untyped-def]
     """Return the same at the halvings of the first and of the last quarter, towards the ends of the block.
 
@@ -233,7 +239,7 @@ def _towards_ends(table, j, ends):  # type: ignore[no-untyped-def]
     return most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def _deviation(table, j):  # type: ignore[no-untyped-def]
     """Return the largest conditional deviation of v in a block: of its middle and of its quarters."""
     row, half = table[j], table[j - 1]
@@ -245,8 +251,8 @@ def _deviation(table, j):  # type: ignore[no-untyped-def]
     return 1.02 * math.sqrt(most)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def clearance(table, j, v0, p0, s0, v1, p1, s1, upper, lower):  # type: ignore[no-untyped-def]
+@lean_njit(forceinline=True)
+def clearance(table, slow, j, v0, p0, s0, v1, p1, s1, upper, lower):  # type: ignore[no-untyped-def]
     """Return how far both levels are, at least, from the expected output at any sample of a block of 2^j, j >= 2."""
     h = j - 1
     vm, pm = between(table, j, v0, p0, v1, p1)
@@ -258,13 +264,15 @@ def clearance(table, j, v0, p0, s0, v1, p1, s1, upper, lower):  # type: ignore[n
         + table[j, SLACK + 2] * abs(v1)
         + table[j, SLACK + 3] * abs(p1)
     )
-    # The slow noise is expected between its ends, or nearer to 0.
-    high = max(max(max(v0, v1), max(q, r)), vm) + max(max(s0, s1), 0.0)
-    low = min(min(min(v0, v1), min(q, r)), vm) + min(min(s0, s1), 0.0)
+    # The slow noise is expected between its ends, or nearer to 0: of two ends at the same level most in their middle.
+    nearest = 2.0 * slow[j, S_MIDDLE]
+    s_high, s_low = max(s0, s1), min(s0, s1)
+    high = max(max(max(v0, v1), max(q, r)), vm) + (s_high if s_high > 0.0 else s_high * nearest)
+    low = min(min(min(v0, v1), min(q, r)), vm) + (s_low if s_low < 0.0 else s_low * nearest)
     return upper - high - slack, low - slack - lower
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit(forceinline=True)
 def draw_end(table, slow, j, v, p, s, z, used):  # type: ignore[no-untyped-def]
     """Return the state at the end of a block; three normal numbers."""
     z0, z1 = np.float64(z[used]), np.float64(z[used + 1])
@@ -275,7 +283,7 @@ def draw_end(table, slow, j, v, p, s, z, used):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit(forceinline=True)
 def draw_middle(table, slow, j, v0, p0, s0, v1, p1, s1, z, used):  # type: ignore[no-untyped-def]
     """Return the state in the middle of a block, given both ends; three normal numbers."""
     z0, z1 = np.float64(z[used]), np.float64(z[used + 1])

@@ -13,10 +13,11 @@ Probability 22 (2012), who weight each point by one over the number of exceedanc
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit
 from sim_backend.pixel.engines.block_law_kernels import (
     APP,
     AVP,
@@ -37,8 +38,22 @@ from sim_backend.pixel.engines.block_law_kernels import (
 from sim_backend.pixel.engines.draws_kernels import DRAW_LANES, DRAWS, exponential, fill_draws
 from sim_backend.pixel.engines.fast_kernels import event_at
 
+# Rows of the states that are worked with
+START: Final = 0
+FOUND: Final = 1
+_LEFT: Final = 2
+_RIGHT: Final = 3
+STATES: Final = 4
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@lean_njit()
+def put(state, other):  # type: ignore[no-untyped-def]
+    """Write another (v, p, s) into a state."""
+    for i in range(3):
+        state[i] = other[i]
+
+
+@lean_njit()
 def over(table, slow, samples):  # type: ignore[no-untyped-def]
     """Return factors and covariance of v and p, factor and variance of s, over any number of samples."""
     avv, avp, app, vv, vp, pp, fade, ss = 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0
@@ -60,7 +75,7 @@ def over(table, slow, samples):  # type: ignore[no-untyped-def]
     return avv, avp, app, vv, vp, pp, fade, ss
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def inside(table, slow, before, after, v0, p0, s0, v1, p1, s1):  # type: ignore[no-untyped-def]
     """Return the law of a sample between two that are known, so many samples before and after it.
 
@@ -95,7 +110,7 @@ def inside(table, slow, before, after, v0, p0, s0, v1, p1, s1):  # type: ignore[
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def p_given_v(mp, vv, vp, pp, away, z):  # type: ignore[no-untyped-def]
     """Return p of a sample whose v is `away` from its mean."""
     if vv <= 0.0:
@@ -103,7 +118,7 @@ def p_given_v(mp, vv, vp, pp, away, z):  # type: ignore[no-untyped-def]
     return mp + vp / vv * away + math.sqrt(max(pp - vp * vp / vv, 0.0)) * z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def refill(pixel, key0, key1, words, z, numbers):  # type: ignore[no-untyped-def]
     """Have ten normal numbers in store; `numbers` is how many are used, and of counters."""
     if numbers[0] > DRAWS - 10:
@@ -112,7 +127,7 @@ def refill(pixel, key0, key1, words, z, numbers):  # type: ignore[no-untyped-def
         numbers[0] = 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def crosses_inside(  # type: ignore[no-untyped-def]
     table, slow, j, left, right, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way
 ):
@@ -136,7 +151,7 @@ def crosses_inside(  # type: ignore[no-untyped-def]
         done = j == 0
         if j > 1:
             up, down = clearance(
-                table, j, v, p, s, v1, p1, s1, on_level - max(drift, 0.0), off_level - min(drift, 0.0)
+                table, slow, j, v, p, s, v1, p1, s1, on_level - max(drift, 0.0), off_level - min(drift, 0.0)
             )
             done = min(up, down) > STRICT * table[j, DEVIATION]
         if done:
@@ -156,9 +171,9 @@ def crosses_inside(  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def first_crossing(  # type: ignore[no-untyped-def]
-    table, slow, j, start, end, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way, found
+    table, slow, j, states, end, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way
 ):
     """Propose a sample of a block of 2^j beyond a level, and return its number if it is the first to cross, else 0.
 
@@ -167,11 +182,12 @@ def first_crossing(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    start, end
-        (3,) v, p, s.
-    found
-        (3,) state of that sample. Written.
+    states
+        (STATES, 3) v, p, s: START is that at the start; FOUND is that of the sample. Written.
+    end
+        (3,) the same at the end.
     """
+    start, found = states[START], states[FOUND]
     refill(pixel, key0, key1, words, z, numbers)
     used = numbers[0]
     inner = (1 << j) - 1
@@ -197,20 +213,21 @@ def first_crossing(  # type: ignore[no-untyped-def]
     found[1] = p_given_v(mp, vv, vp, pp, out - s_away, z1)
     found[2] = ms + s_away
     before = crosses_before(
-        table, slow, k, start, found, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way
+        table, slow, k, states, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way
     )
     return 0 if before else k
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def crosses_before(  # type: ignore[no-untyped-def]
-    table, slow, k, start, found, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way
+    table, slow, k, states, on_level, off_level, slope, pixel, key0, key1, words, z, numbers, way
 ):
-    """Return whether a sample between `start` and the one `k` samples later is beyond a level.
+    """Return whether a sample between START and FOUND, `k` samples later, is beyond a level.
 
     From the right to the left, in steps of 1, 1, 2, 4, ... samples: most often it is the one right before.
     """
-    left, right = np.empty(3), found.copy()
+    start, left, right = states[START], states[_LEFT], states[_RIGHT]
+    put(right, states[FOUND])
     at, j = k, 0
     while at > 0:
         while 1 << j > at:
@@ -230,13 +247,13 @@ def crosses_before(  # type: ignore[no-untyped-def]
             if event_at(left[0] + left[2], on_level - slope * before, off_level - slope * before) != 0:
                 return True
         else:
-            left[:] = start
+            put(left, start)
         if j > 0 and crosses_inside(
             table, slow, j, left, right, on_level - slope * before, off_level - slope * before, slope, pixel,
             key0, key1, words, z, numbers, way,
         ):  # fmt: skip
             return True
-        right[:] = left
+        put(right, left)
         if at != k and j < len(table) - 1:
             j += 1
         at = before

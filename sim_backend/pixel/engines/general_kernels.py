@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit, njit
 from sim_backend.pixel.engines.reference_kernels import (
     BLOCK,
     LANES,
@@ -50,7 +50,7 @@ class Coefficients(NamedTuple):
     reset_rms: float  #: rms of the noise of a reset
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit()
 def exp_falling(x):  # type: ignore[no-untyped-def]
     """Return ``exp(-x)`` of x >= 0 to 1e-15; 0 above 700.
 

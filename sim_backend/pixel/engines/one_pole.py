@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -112,8 +113,7 @@ class OnePole:
         """Return after how many samples the table of rates holds, and the table."""
         if self._rate < _TABLE_RATE:
             return LAST, (np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2)))
-        table = hazard_table(math.exp(-self._rate))
-        return math.ceil(_SETTLE_TAUS / self._rate), (_rates(table), table.inside, table.beyond)
+        return math.ceil(_SETTLE_TAUS / self._rate), _tables(math.exp(-self._rate))
 
     def _start(self, lux: float) -> None:
         """Put all pixels at t = 0: settled at the first light, memorised, armed."""
@@ -144,8 +144,14 @@ class OnePole:
         self._state = (whole, real, store)
 
 
+@lru_cache(maxsize=8)
+def _tables(rho: float) -> tuple[Floats, Floats, Floats]:
+    """Return the tables for noise that keeps the fraction `rho` of itself in one sample, as the kernels take them."""
+    table = hazard_table(rho)
+    return _rates(table), table.inside, table.beyond
+
+
 def _rates(table: HazardTable) -> Floats:
-    """Return the table of rates, as the kernels take it."""
     from sim_backend.pixel.engines import jump_kernels as k
 
     rates = np.full((len(table.log_rate), k.RATES), np.inf)
@@ -155,6 +161,7 @@ def _rates(table: HazardTable) -> Floats:
     return rates
 
 
+@lru_cache(maxsize=8)
 def block_factors(rate: float) -> Floats:
     """Return what a block of n samples needs, n from 0 to the longest, as the kernels take it."""
     from sim_backend.pixel.engines import block_kernels as k

@@ -10,32 +10,40 @@ where it is. While the light moves, the pixel goes sample by sample.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from drivers.jit import njit
+from drivers.jit import lean_njit
 from sim_backend.pixel.engines.block_law_kernels import (
+    AVP,
+    AVV,
     COLUMNS,
     DEVIATION,
     LIMIT,
+    PARTS,
     RARE,
     REACH,
+    S_FADE,
     STRICT,
     clearance,
     draw_end,
     draw_middle,
     make_table,
+    normal_above,
     receptor,
 )
-from sim_backend.pixel.engines.draws_kernels import DRAW_LANES, DRAWS, exponential, fill_draws
-from sim_backend.pixel.engines.excursion_kernels import first_crossing
+from sim_backend.pixel.engines.draws_kernels import DRAW_LANES, DRAWS, fill_draws
+from sim_backend.pixel.engines.excursion_kernels import FOUND, START, STATES, first_crossing
 from sim_backend.pixel.engines.fast_kernels import NEVER, event_at
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 #: A level may come closer during a block by this part of its distance.
 _LOST_DISTANCE: Final = 0.5
-#: An exponential number is above this with the chance RARE.
-_UNLIKELY: Final = -math.log(RARE)
+#: A normal number is further from 0 than this with the chance RARE.
+_UNLIKELY: Final = normal_above.py_func(0.0, RARE)
 
 # Whole numbers and real numbers of a pixel's state
 AT: Final = 0
@@ -65,7 +73,7 @@ MOST_DRAWS: Final = 8  #: normal numbers of one step at the most
 _KEPT_LIGHTS: Final = 4
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit(forceinline=True)
 def largest(samples, levels):  # type: ignore[no-untyped-def]
     """Return j of the longest block of 2^j samples that is not longer than `samples`."""
     j = levels
@@ -74,19 +82,24 @@ def largest(samples, levels):  # type: ignore[no-untyped-def]
     return j
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def choose(table, longest, most, slope, v, s, on_level, off_level):  # type: ignore[no-untyped-def]
-    """Return j of the next block of an armed pixel, `longest` and `most` samples at the most."""
+@lean_njit(forceinline=True)
+def choose(table, slow, longest, most, slope, v, p, s, on_level, off_level):  # type: ignore[no-untyped-def]
+    """Return j of the next block of an armed pixel, `longest` and `most` samples at the most.
+
+    Both levels are to be far enough from where the output is, and from where it is expected at the end.
+    """
     out = v + s
-    # Levels as they will be seen from the settled level too: the output goes there.
-    near = min(on_level - max(out, s), min(out, s) - off_level)
     j = largest(most, longest)
-    while j > 0 and (table[j, REACH] > near or abs(slope) * (1 << j) > _LOST_DISTANCE * near):
+    while j > 0:
+        end = table[j, AVV] * v + table[j, AVP] * p + slow[j, S_FADE] * s
+        near = min(on_level - max(out, end), min(out, end) - off_level)
+        if table[j, REACH] <= near and abs(slope) * (1 << j) <= _LOST_DISTANCE * near:
+            break
         j -= 1
     return j
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@lean_njit(forceinline=True)
 def walk(lux, settled, gain, dark, c, v, p, s, z, used):  # type: ignore[no-untyped-def]
     """Return the state one sample later under moving light; three normal numbers.
 
@@ -104,20 +117,35 @@ def walk(lux, settled, gain, dark, c, v, p, s, z, used):  # type: ignore[no-unty
     return v, p, c.slow_rho * s + c.slow_sigma * np.float64(z[used + 2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def table_of(current, c, slow, levels, kept, tables, newest):  # type: ignore[no-untyped-def]
+@lean_njit()
+def table_of(current, c, slow, levels, kept, tables, newest, parts):  # type: ignore[no-untyped-def]
     """Return the number of the table of a photocurrent, made if none has it; and that of the table made last."""
     for i in range(_KEPT_LIGHTS):
         if kept[i] == current:
             return i, newest
     newest = (newest + 1) % _KEPT_LIGHTS
     kept[newest] = current
-    make_table(current, c, slow, levels, tables[newest])
+    make_table(current, c, slow, levels, tables[newest], parts)
     return newest, newest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):  # type: ignore[no-untyped-def]
+def work_room(levels: int) -> tuple[npt.NDArray[Any], ...]:
+    """Return room to work in, for blocks of up to 2^levels samples: kernels that make no array are faster."""
+    return (
+        np.empty(DRAWS, np.uint32),
+        np.empty((_KEPT_LIGHTS, levels + 1, COLUMNS)),
+        np.full(_KEPT_LIGHTS, -1.0),  # the photocurrents of these tables
+        np.empty((levels + 2, 3)),  # states drawn ahead, the nearest last
+        np.empty(levels + 2, np.int64),  # j of the stretch up to each
+        np.empty(2, np.int64),
+        np.empty((STATES, 3)),
+        np.empty((levels + 2, 4)),
+        np.empty((2, PARTS)),
+    )
+
+
+@lean_njit()
+def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, work, events):  # type: ignore[no-untyped-def]
     """Take pixels to sample `stop` - 1, or until there is no more room for events.
 
     Parameters
@@ -143,6 +171,8 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
         order in which events of one time are given.
     state
         (n, WHOLE), (n, REAL), (n, DRAWS): state of each pixel, and normal numbers. Changed.
+    work
+        Room to work in: :func:`work_room`. Lights whose tables it has are not worked out again.
     events
         (e,) int64: ``(sample * pixels + rank) * 2 + polarity``. Written.
 
@@ -155,13 +185,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
     fixed, dead, pixel, rank = sensor
     whole, real, store = state
     levels = len(slow) - 1
-    words = np.empty(DRAWS, np.uint32)
-    tables = np.empty((_KEPT_LIGHTS, levels + 1, COLUMNS))
-    kept = np.full(_KEPT_LIGHTS, -1.0)
-    ends = np.empty((levels + 2, 3))  # states drawn ahead, the nearest last
-    lengths = np.empty(levels + 2, np.int64)  # j of the stretch up to each
-    numbers = np.empty(2, np.int64)
-    start, found, way = np.empty(3), np.empty(3), np.empty((levels + 2, 4))
+    words, tables, kept, ends, lengths, numbers, states, way, parts = work
     newest = 0
     count = 0
     draws = 3 if c.slow_sigma > 0.0 else 2  # the third number of a step is of the slow noise
@@ -173,7 +197,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
         on_level, off_level = real[i, ON_LEVEL], real[i, OFF_LEVEL]
         z = store[i]
         current = max(fixed[i, GAIN] * settled_lux[segment] + fixed[i, DARK], c.lowest_fa)
-        which, newest = table_of(current, c, slow, levels, kept, tables, newest)
+        which, newest = table_of(current, c, slow, levels, kept, tables, newest, parts)
         table = tables[which]
         slope = fixed[i, LEAK] + leaks[segment]
         end = min(first[segment + 1], stop) - 1
@@ -188,7 +212,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
                 while at >= first[segment + 1] - 1:
                     segment += 1
                 current = max(fixed[i, GAIN] * settled_lux[segment] + fixed[i, DARK], c.lowest_fa)
-                which, newest = table_of(current, c, slow, levels, kept, tables, newest)
+                which, newest = table_of(current, c, slow, levels, kept, tables, newest, parts)
                 table = tables[which]
                 slope = fixed[i, LEAK] + leaks[segment]
                 end = min(first[segment + 1], stop) - 1
@@ -215,7 +239,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
             else:
                 if top < 0:
                     top = 0
-                    last = choose(table, min(last + 2, levels), end - at, slope, v, s, on_level, off_level)
+                    last = choose(table, slow, min(last + 2, levels), end - at, slope, v, p, s, on_level, off_level)
                     lengths[0] = last
                     ends[0, V], ends[0, P], ends[0, SLOW] = draw_end(table, slow, last, v, p, s, z, used)
                     used += draws
@@ -225,21 +249,21 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, events):
                 done = j == 0
                 if j > 1:
                     up, down = clearance(
-                        table, j, v, p, s, v1, p1, s1, on_level - max(drift, 0.0), off_level - min(drift, 0.0)
+                        table, slow, j, v, p, s, v1, p1, s1, on_level - max(drift, 0.0), off_level - min(drift, 0.0)
                     )
                     done = min(up, down) > table[j, LIMIT] * table[j, DEVIATION]
                     if done and min(up, down) < STRICT * table[j, DEVIATION]:
-                        used += 2
-                        if exponential(z, used - 2) > _UNLIKELY:
+                        used += 1
+                        if abs(z[used - 1]) > _UNLIKELY:
                             numbers[0], numbers[1] = used, counter
-                            start[0], start[1], start[2] = v, p, s
+                            states[START, V], states[START, P], states[START, SLOW] = v, p, s
                             k = first_crossing(
-                                table, slow, j, start, ends[top], on_level, off_level, slope, pixel[i],
-                                key0, key1, words, z, numbers, way, found,
+                                table, slow, j, states, ends[top], on_level, off_level, slope, pixel[i],
+                                key0, key1, words, z, numbers, way,
                             )  # fmt: skip
                             used, counter = numbers[0], numbers[1]
                             if k > 0:
-                                v1, p1, s1 = found[0], found[1], found[2]
+                                v1, p1, s1 = states[FOUND, V], states[FOUND, P], states[FOUND, SLOW]
                                 drift = slope * k
                                 at += k - (1 << j)
                 if done:

@@ -67,10 +67,11 @@ class TwoPoles:
         light = (self._segments.first, self._segments.until, self._segments.lux, self._leaks, *self._lux)
         sensor = tuple(a[pixels] for a in self._sensor)
         state = tuple(a[pixels] for a in self._state)
+        work = self._kernels.work_room(len(self._slow) - 1)
 
         def run(i: int, room: npt.NDArray[np.int64]) -> tuple[int, int]:
             found: tuple[int, int] = self._kernels.run_pixels(
-                i, stop, light, self._c, self._slow, self._key, self.chain.pixels, sensor, state, room
+                i, stop, light, self._c, self._slow, self._key, self.chain.pixels, sensor, state, work, room
             )
             return found
 
