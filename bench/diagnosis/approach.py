@@ -39,6 +39,9 @@ _ITERATIONS: Final = 24
 _CHANCE: Final = 30.0
 _LITTLE: Final = 0.03
 _IDLE: Final = 2
+#: After more than so many steps a loss that is so many times the one to beat is hopeless.
+_SOME: Final = 1
+_HOPELESS: Final = 20.0
 #: Relative errors that a model may have in turn, where the start may be anywhere: far away standard errors are no
 #: measure of how far. The next one's turn is when the loss per statistic is below the limit, or a short step lowers
 #: the loss by less than a share.
@@ -88,7 +91,7 @@ class Approach:
 def approach(
     problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int,
     iterations: int = _ITERATIONS, wrong: float = 0.0, prior: Floats | None = None, cloud: Cloud | None = None,
-    reach: float | None = None,
+    reach: float | None = None, beat: float = math.inf,
 ) -> Approach:  # fmt: skip
     """Go near the minimum with little effort.
 
@@ -108,12 +111,14 @@ def approach(
         What was looked at before, of the same model.
     reach
         Of the first step, beside the longest; None: far, if the start may be wrong.
+    beat
+        A loss to come close to: what is hopelessly far from it after some steps goes no further.
     """
     at = np.array(x, dtype=np.float64)
     way = _Way(problem, model, tuple(slots), at if prior is None else prior, seed, cloud or Cloud())
     way.set_out(at, reach or (_REACH if wrong else _NEARBY), wrong)
-    for _ in range(iterations):
-        if way.step():
+    for number in range(iterations):
+        if way.step() or (number >= _SOME and way.loss > _HOPELESS * beat):
             break
     return way.end()
 
@@ -171,6 +176,12 @@ class _Way:
     def _here(self) -> Place:
         """The best place so far since the way was set out on."""
         return next(place for place in self.cloud.places if place.at is self._at)
+
+    @property
+    def loss(self) -> float:
+        """The loss at the best place so far, if the model is right."""
+        here = self._here
+        return self._loss(here.expected, here.at, 0.0)
 
     def step(self) -> bool:
         """Take a step; return whether the way has come to its end."""
@@ -255,11 +266,10 @@ class _Way:
         """Work out all losses again."""
         self.cloud.places = [Place(p.at, p.expected, self._loss(p.expected, p.at)) for p in self.cloud.places]
 
-    def _deviation(self, e: Expectation) -> Floats:
-        if not self._wrong:
-            return e.deviation
-        return np.hypot(e.deviation, e.tolerance(self._problem.measured, self._wrong))
+    def _deviation(self, e: Expectation, wrong: float | None = None) -> Floats:
+        wrong = self._wrong if wrong is None else wrong
+        return np.hypot(e.deviation, e.tolerance(self._problem.measured, wrong)) if wrong else e.deviation
 
-    def _loss(self, e: Expectation, at: Floats) -> float:
-        residual = (self._problem.measured.value - e.value) / self._deviation(e)
+    def _loss(self, e: Expectation, at: Floats, wrong: float | None = None) -> float:
+        residual = (self._problem.measured.value - e.value) / self._deviation(e, wrong)
         return robust.loss(residual) + float(np.sum(self._precision * (at - self._start) ** 2))

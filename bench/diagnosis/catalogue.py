@@ -20,6 +20,7 @@ __all__ = [
     "NEEDS_KNOWN_THRESHOLDS",
     "RARE",
     "TWINS",
+    "are_the_same",
     "candidates",
     "cost_of",
     "free_of",
@@ -41,6 +42,17 @@ TWINS: Final = {
     "stray_light": "dark_current",
     "dark_current": "stray_light",
 }
+
+#: Each adds to the photocurrent what the other adds, at any light: no simulation is needed to know that they are the
+#: same to a pixel that was not taken behind a shroud or a cap.
+_SAME_CURRENT: Final = frozenset({"stray_light", "dark_current"})
+
+
+def are_the_same(one: str, other: str, points: Sequence[PointData]) -> bool:
+    """Return whether two effects do the same, whatever their size, in such points."""
+    opened = all(point.attributes.get("ambient", "open") == "open" for point in points)
+    return {one, other} == _SAME_CURRENT and opened
+
 
 #: What is fitted of each effect: name, scale, a value at which it can be seen, the highest that is believed.
 _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
@@ -82,12 +94,13 @@ _SHAPES: Final = frozenset(
 #: Time that a simulation takes, beside that of the base pixel; a user's effect may go sample by sample.
 _COST: Final[dict[str, float]] = {
     "light_rise_time": 4.0,
-    "light_drift": 8.0,
-    "light_flicker": 7.0,
-    "shot_noise": 25.0,
-    "photoreceptor_bandwidth": 8.0,
-    "low_frequency_noise": 8.0,
-    "high_pass": 8.0,
+    "light_drift": 9.0,
+    "light_flicker": 11.0,
+    "shot_noise": 30.0,
+    "photoreceptor_bandwidth": 4.0,
+    "low_frequency_noise": 3.0,
+    "high_pass": 9.0,
+    "leak": 2.0,
 }
 _COST_OF_A_USER: Final = 30.0
 

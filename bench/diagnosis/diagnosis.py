@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
@@ -12,16 +13,18 @@ import numpy as np
 
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
-from bench.diagnosis.catalogue import RARE, TWINS, candidates
+from bench.diagnosis.catalogue import RARE, TWINS, are_the_same, candidates
 from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import deviance, excess, freedom, step_of
+from bench.diagnosis.likeness import closest, separation
 from bench.diagnosis.next_measurement import next_measurement
-from bench.diagnosis.refit import Found, needless, refitted, separation
+from bench.diagnosis.refit import Found, needless, refitted
 from bench.diagnosis.remainder import remainder_of
 from bench.diagnosis.result import Candidate, Outcome
-from bench.diagnosis.screen import probe, score
+from bench.diagnosis.screen import score
 from bench.diagnosis.session import open_session
+from bench.diagnosis.sizing import probe
 from bench.store import Run
 from protocols.errors import InputError
 
@@ -31,7 +34,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.parameters import Free
-    from bench.diagnosis.probing import Probed
+    from bench.diagnosis.probing import Probe, Probed
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.result import Step, Verdict
     from bench.diagnosis.screen import Scores
@@ -60,6 +63,8 @@ _EXPLAINED: Final = 5.0
 #: Predicted separation, in standard errors, below which two effects cannot be told apart.
 _TIED: Final = 2.0
 _IN_A_TIE: Final = 3
+#: and it is only proposed in place of the best when its fit is about as good.
+_AS_GOOD: Final = 1.1
 #: Two effects are only confused when one explains at least so much of what the other does.
 _AS_WELL: Final = 0.5
 #: What is known of the free numbers beforehand is not in the p-values: the loss, in which it is, falls by so much.
@@ -249,7 +254,16 @@ class Diagnosis:
         seed = self._seed + 100 * number + 11
         gross = deviance(self.problem, fitted) / freedom(fitted) > _GROSS
         probes = probe(self.problem, fitted, possible, seed, gross, self._seen)
-        return _State(fitted, score(self.problem, fitted, probes, self._seed), added, fall)
+        return _State(fitted, self._scores(fitted, probes), added, fall)
+
+    def _scores(self, fitted: Fit, probes: Sequence[Probe]) -> Scores:
+        """Return what probes say; what may be how time is cut into samples is no sign of anything else."""
+        scores = score(self.problem, fitted, probes, self._seed)
+        fine = [p for i, p in enumerate(probes) if scores.p_best[i] < ALPHA and not self._can_judge(scores, i)]
+        if not fine:
+            return scores
+        beside = score(self.problem, fitted, probes, self._seed, fine)
+        return replace(scores, p_value=beside.p_value, p_best=beside.p_best)
 
     def _choose(self, state: _State) -> None:
         """Find the effect that is worth adding, and those that cannot be told from it."""
@@ -269,16 +283,24 @@ class Diagnosis:
             known = {one.effect.id for one in scores.probes}
             twins = [TWINS[name] for name in shortlist if name in TWINS]
             shortlist += [name for name in twins if name in known and name not in shortlist]
-        found = [f for f in self._refitted(state, shortlist) if self._is_coarse(f.fit, f.effect)]
+        refitted = self._refitted(state, shortlist)
+        found = [
+            f for f in refitted if self._is_coarse(f.fit, f.effect) and not needless(self.problem, f.fit, f.effect)
+        ]
         if not found:
             return
+        refused = {f.effect for f in refitted} - {f.effect for f in found}
         found.sort(key=lambda f: f.deviance)
         best = found[0]
         if far_off and self._share(state, best) < _WORTH:
             return
-        tied = (best.effect, *self._tied(state, best, found, far_off))
+        tied = (
+            best.effect,
+            *self._tied(state, best, found, [n for n in shortlist if n not in refused] if far_off else ()),
+        )
         # Of effects that are the same to the data, the more usual one is proposed.
-        state.proposal = next((name for name in tied if name not in RARE), best.effect)
+        good = {f.effect for f in found if f.deviance <= _AS_GOOD * best.deviance}
+        state.proposal = next((name for name in tied if name not in RARE and name in good), best.effect)
         state.tied = tuple(name for name in tied if name != state.proposal)
 
     def _refitted(self, state: _State, effect_ids: Sequence[str]) -> list[Found]:
@@ -323,8 +345,16 @@ class Diagnosis:
         before = max(deviance(self.problem, state.fit) - n, math.sqrt(2.0 * n))
         return (deviance(self.problem, state.fit) - found.deviance) / before
 
-    def _tied(self, state: _State, best: Found, found: Sequence[Found], far_off: bool) -> tuple[str, ...]:
-        """Return the effects that the data cannot tell from the best."""
+    def _tied(
+        self, state: _State, best: Found, found: Sequence[Found], shortlist: Sequence[str]
+    ) -> tuple[str, ...]:  # fmt: skip
+        """Return the effects that the data cannot tell from the best.
+
+        Parameters
+        ----------
+        shortlist
+            Effects that may be the same to the data, where straight lines do not tell; empty where they do.
+        """
         scores = state.scores
         ids = [one.effect.id for one in scores.probes]
         number = ids.index(best.effect)
@@ -332,12 +362,16 @@ class Diagnosis:
         rivals = []
         known = {f.effect: f for f in found}
         for i, name in enumerate(ids):
-            if name == best.effect or scores.drop[i] < _AS_WELL * scores.drop[number]:
+            if name == best.effect or not self._can_judge(scores, i):
                 continue
-            if name in known:
-                apart = separation(self.problem, best, known[name], self._seed + 31)
-            elif far_off:
-                continue  # a straight line does not tell
+            if are_the_same(name, best.effect, self.problem.points):
+                apart = 0.0
+            elif name in shortlist:
+                apart = separation(self.problem, best, known[name], self._seed + 31) if name in known else math.inf
+                if apart >= _TIED:
+                    apart = closest(self.problem, best, scores.probes[i].effect, self._seed + 31)
+            elif shortlist or scores.drop[i] < _AS_WELL * scores.drop[number]:
+                continue
             else:
                 apart = size * math.sqrt(max(1.0 - float(scores.likeness[number, i]) ** 2, 0.0))
             if apart < _TIED:

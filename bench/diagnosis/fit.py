@@ -9,12 +9,14 @@ one sensor's changes with the other's have no chance in them: squares would coun
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from bench.diagnosis.approach import approach
+from bench.diagnosis.catalogue import cost_of
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitted import Fit, prior_precision
 from bench.diagnosis.looks import loss_of, shifted
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.approach import Approach
     from bench.diagnosis.problem import Problem, Slot
+    from bench.diagnosis.residuals import Expectation
     from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
@@ -39,7 +42,8 @@ _LOG = logging.getLogger(__name__)
 
 #: Relative error that what is expected may have at the start of a fit.
 _ANYWHERE: Final = 0.3
-#: Effort of one expectation at the solution, and how often it is looked for there.
+#: Effort of one expectation at the solution, and how often it is looked for there. A model that takes longer than the
+#: base pixel gets more effort, by the root of its cost: what few pixels let expect tells little apart.
 _FINE: Final = 3.0
 _POLISHINGS: Final = 6
 #: A fit ends when a step would lower the loss by less than this.
@@ -75,7 +79,8 @@ def finish(problem: Problem, near: Approach) -> Fit:
     close = near.loss < _HOPELESS * len(problem.measured.labels)
     ways = _directions(near)
     samples = samples_around(problem, model, slots, at, seed + 1, ways, _SHARP if close else _BLUNT)
-    simulated = problem.simulate([problem.models(model, slots, at)], seed, _FINE)[0]
+    fine = _FINE * math.sqrt(cost_of(model))
+    simulated = problem.simulate([problem.models(model, slots, at)], seed, fine)[0]
     samples.append(sample_of(problem, at, simulated))
     here = shifted(problem, problem.expect(simulated), slots, at)
     jacobian = slopes(problem, slots, at, here, samples, ways)
@@ -89,7 +94,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
         if gain < _SMALL + 0.5 * len(slots):
             break
         to = at + delta
-        again = problem.simulate([problem.models(model, slots, to)], seed + 10 * (k + 1), _FINE)[0]
+        again = problem.simulate([problem.models(model, slots, to)], seed + 10 * (k + 1), fine)[0]
         samples.append(sample_of(problem, to, again))
         there = shifted(problem, problem.expect(again), slots, to)
         before, after = loss_of(problem, here, slots, at, start), loss_of(problem, there, slots, to, start)
@@ -104,11 +109,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
             radius *= _SHORTER
         jacobian = slopes(problem, slots, at, here, samples, ways)
     here = pooled(problem, visited, jacobian, slots, at, start)
-    # The last step is small: what is expected there follows from the changes by coordinate.
-    last = inside(slots, at + step_from(problem, here, jacobian, slots, at, start, _LAST if close else _SHORTEST)[0])
-    value = here.value + jacobian.mean(axis=0) @ (last - at)
-    _LOG.debug("last, loss %.5g to %.5g, at %s", loss_of(problem, here, slots, at, start),
-               loss_of(problem, replace(here, value=value), slots, last, start), shown(slots, last))  # fmt: skip
+    last, value = _last_step(problem, here, jacobian, slots, at, start, _LAST if close else _SHORTEST)
     models = problem.models(model, slots, last)
     found = Fit(
         model=models[0],
@@ -125,6 +126,23 @@ def finish(problem: Problem, near: Approach) -> Fit:
         common=(1.0 + problem.alike(models) / here.recordings) / here.more,
     )
     return replace(found, frozen=frozen_of(problem, found, models, seen))
+
+
+def _last_step(
+    problem: Problem, here: Expectation, jacobian: Floats, slots: Sequence[Slot], at: Floats, start: Floats,
+    radius: float,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Return coordinates and what is expected there, after a small step: it follows from the changes by coordinate.
+
+    A step that allows for chance in the changes may lead to where they, with that chance, expect a larger loss. There
+    it is nothing but chance.
+    """
+    last = inside(slots, at + step_from(problem, here, jacobian, slots, at, start, radius)[0])
+    value = here.value + jacobian.mean(axis=0) @ (last - at)
+    before = loss_of(problem, here, slots, at, start)
+    after = loss_of(problem, replace(here, value=value), slots, last, start)
+    _LOG.debug("last, loss %.5g to %.5g, at %s", before, after, shown(slots, last))
+    return (last, value) if after < before else (at, here.value)
 
 
 def _directions(near: Approach) -> Floats:

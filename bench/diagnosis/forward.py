@@ -11,14 +11,16 @@ import numpy as np
 
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.same_law import representatives
-from bench.diagnosis.summary import summarise
+from bench.diagnosis.summary import summarise_each
 from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import point_chain, recording_seed
 from protocols.points import Roi
 from sim_backend.pixel.engines.fast import FastEngine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Sequence
+    from collections.abc import Callable, Hashable, Iterator, Sequence
+
+    import numpy.typing as npt
 
     from bench.compute import Executor
     from bench.diagnosis.summary import Summary
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
     from sim_backend.pixel.model import PixelModel
 
 __all__ = ["Forward", "Sensor", "Task"]
+
+#: Sensors of few pixels that are simulated side by side: most of the time goes into calls, not into events.
+_TOGETHER: Final = 4
 
 #: A window is not made smaller than this many pixels on a side.
 _FEWEST: Final = 4
@@ -45,37 +50,55 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One sensor that takes all points of the run."""
+    """Some sensors that take all points of the run, side by side."""
 
     points: tuple[PointData, ...]
-    models: tuple[PixelModel, ...]  #: of each point
+    models: tuple[tuple[PixelModel, ...], ...]  #: of each sensor, of each point
+    sensors: tuple[int, ...]  #: their numbers
     dt_s: float
     seed: int
-    sensor: int
     share: float = 1.0  #: of the pixels
     run: str = ""  #: tells the points of one run from those of another; empty: nothing is remembered
 
 
-def sensor_of(task: Task) -> Sensor:
-    """Simulate a task; points with the same law are taken once."""
-    engine = FastEngine(task.dt_s, threads=1, quiet_high_pass=_QUIET_HIGH_PASS)
-    sensor_seed = recording_seed(task.seed, task.sensor, 0)
-    chains: dict[Hashable, Chain] = {}  # points at one setting have the same pixels
-    found: list[Summary] = []
-    for index, same in enumerate(representatives(task.points, task.models)):
-        if same < index:
-            found.append(found[same])
-            continue
-        frame, model = _frame(task, index), task.models[index]
-        point = frame.point
-        pixels = (id(model), point.roi, point.attributes.get("ambient"))
-        if pixels not in chains:
-            chains[pixels] = point_chain(point, model, sensor_seed)
-        seed = recording_seed(task.seed, task.sensor, 1 + point.index)
-        events = engine.events(chains[pixels], frame.light, point.duration_s, seed)
-        found.append(summarise(Recording(frame, events), VIEWS, labelled=False))
+def sensors_of(task: Task) -> list[Sensor]:
+    """Simulate a task; points with the same law are taken once for each sensor."""
+    taken = [_Taken(task, models, number) for models, number in zip(task.models, task.sensors, strict=True)]
+    found: list[list[Summary]] = [[] for _ in taken]
+    for index in range(len(task.points)):
+        fresh = [i for i, one in enumerate(taken) if one.same[index] == index]
+        if fresh:
+            frame = _frame(task, index)
+            recording = Recording(frame, *(taken[i].events(frame, index) for i in fresh))
+            summaries = summarise_each(recording, VIEWS, whole=task.share >= 1.0)
+            for i, summary in zip(fresh, summaries, strict=True):
+                found[i].append(summary)
+        for i, one in enumerate(taken):
+            if one.same[index] < index:
+                found[i].append(found[i][one.same[index]])
     whole = sum(p.roi.pixels for p in task.points)
-    return Sensor(tuple(found), sum(_part(p, task.share).roi.pixels for p in task.points) / whole)
+    share = sum(_part(p, task.share).roi.pixels for p in task.points) / whole
+    return [Sensor(tuple(summaries), share) for summaries in found]
+
+
+class _Taken:
+    """One sensor of a task."""
+
+    def __init__(self, task: Task, models: Sequence[PixelModel], number: int) -> None:
+        self._task, self._models, self._number = task, models, number
+        self.same = representatives(task.points, models)  #: for each point the first one with the same law
+        self._engine = FastEngine(task.dt_s, threads=1, quiet_high_pass=_QUIET_HIGH_PASS, steady_leak=True)
+        self._seed = recording_seed(task.seed, number, 0)
+        self._chains: dict[Hashable, Chain] = {}  # points at one setting have the same pixels
+
+    def events(self, frame: Frame, index: int) -> Iterator[npt.NDArray[np.void]]:
+        """Yield the events of a point."""
+        point, model = frame.point, self._models[index]
+        pixels = (id(model), point.roi, point.attributes.get("ambient"))
+        if pixels not in self._chains:
+            self._chains[pixels] = point_chain(point, model, self._seed)
+        seed = recording_seed(self._task.seed, self._number, 1 + point.index)
+        return self._engine.events(self._chains[pixels], frame.light, point.duration_s, seed)
 
 
 #: The windows of points that were simulated before in this process.
@@ -150,19 +173,33 @@ class Forward:
             Part of the pixels that is simulated, of all models or of each: quicker, and less certain.
         """
         shares = [share] * len(models) if isinstance(share, float) else list(share)
-        tasks = [
-            Task(self._points, tuple(m), self.dt_s, seed, s, part, self._run)
-            for m, part in zip(models, shares, strict=True)
-            for s in range(sensors)
-        ]
-        found: list[list[Sensor]] = [[] for _ in models]
-        for index, sensor in self._executor.map(sensor_of, tasks, ordered=True, name=_name):
-            found[index // sensors].append(sensor)
-            self.simulated += 1
-            if self._done is not None:
-                self._done()
-        return found
+        found: dict[tuple[int, int], Sensor] = {}
+        bundles = _bundles(shares, sensors)
+        tasks = [self._task([models[i] for i, _ in some], [s for _, s in some], seed, part) for part, some in bundles]
+        for number, taken in self._executor.map(sensors_of, tasks, name=_name):
+            for place, sensor in zip(bundles[number][1], taken, strict=True):
+                found[place] = sensor
+                self.simulated += 1
+                if self._done is not None:
+                    self._done()
+        return [[found[index, sensor] for sensor in range(sensors)] for index in range(len(models))]
+
+    def _task(self, models: Sequence[Sequence[PixelModel]], sensors: Sequence[int], seed: int, share: float) -> Task:
+        each = tuple(tuple(one) for one in models)
+        return Task(self._points, each, tuple(sensors), self.dt_s, seed, share, self._run)
+
+
+def _bundles(shares: Sequence[float], sensors: int) -> list[tuple[float, list[tuple[int, int]]]]:
+    """Return which sensors of which models are simulated side by side, with their share of the pixels."""
+    places: dict[float, list[tuple[int, int]]] = {}
+    for index, share in enumerate(shares):
+        places.setdefault(share, []).extend((index, sensor) for sensor in range(sensors))
+    found = []
+    for share, mine in places.items():
+        size = 1 if share >= 1.0 else _TOGETHER
+        found += [(share, mine[first : first + size]) for first in range(0, len(mine), size)]
+    return found
 
 
 def _name(task: Task) -> str:
-    return f"sensor {task.sensor}"
+    return f"sensor {task.sensors[0]}"

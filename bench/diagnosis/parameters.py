@@ -20,6 +20,8 @@ Scale = Literal["log", "linear", "square", "inverse"]
 ALIGNMENT: Final = "alignment"
 
 _TINY: Final = 1e-12
+#: The time offset is no more than so many of its standard deviations.
+_MOST_OFFSET: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +87,13 @@ def base_parameters(refractory_known: bool) -> tuple[Free, ...]:
 
 
 def time_offset(sd_s: float) -> Free:
-    """Return how much later than the stimulus says the events come, known to be about zero."""
-    return Free(ALIGNMENT, "time_offset_s", "", "s", "linear", -1.0, 1.0, sd_s, sd_s, False)
+    """Return how much later than the stimulus says the events come, known to be about zero.
+
+    What is later by more is no matter of how clocks are read, and would be taken up here by straight lines that do
+    not hold so far: it is an effect.
+    """
+    most = _MOST_OFFSET * sd_s
+    return Free(ALIGNMENT, "time_offset_s", "", "s", "linear", -most, most, sd_s, sd_s, False)
 
 
 def get(model: PixelModel, free: Free) -> float:

@@ -1,8 +1,7 @@
 """What an effect of some size does to all statistics, of a size at which that can be told.
 
-Too small an effect drowns in the chance of the simulation; what a gross one does is no straight line. So it is first
-found out how well each is seen; then it is probed at the size that would explain what is left, or that is just well
-seen.
+Too small an effect drowns in the chance of the simulation; what a gross one does is no straight line. So each is
+tried until it is probed at about the size that would explain what is left, or that is just well seen.
 """
 
 from __future__ import annotations
@@ -28,19 +27,30 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Probe", "Probed", "closer", "probes_at", "reliable", "sizes_for", "visible"]
+__all__ = [
+    "WELL_SEEN",
+    "Probe",
+    "Probed",
+    "closer",
+    "probes_at",
+    "reliable",
+    "seen_of",
+    "sizes_for",
+    "well_sized",
+]
 
-#: Size, beside that of the catalogue, at which it is found out how well an effect is seen, and the effort.
+#: Size, beside that of the catalogue, at which an effect is tried of which nothing is known.
 _FIRST: Final = 0.25
-_FIRST_EFFORT: Final = 0.1
-#: A probe that moves all statistics by more than this is tried again at a share of its size, so often at the most; no
-#: statistic counts for more standard errors than the limit.
+#: A probe that moves all statistics by more than this is tried again at a share of its size, and any whose size is
+#: not the wanted one to within a factor, so often at the most; no statistic counts for more standard errors than the
+#: limit.
 _GROSS: Final = 60.0
 _SMALLER: Final = 0.15
+_ABOUT: Final = 3.0
 _TRIALS: Final = 4
 _MOST: Final = 5.0
 #: Standard errors by which a probe moves all statistics, at the least; sizes beside those of the catalogue.
-_WELL_SEEN: Final = 25.0
+WELL_SEEN: Final = 25.0
 _SMALLEST: Final = 1e-4
 _LARGEST: Final = 4.0
 
@@ -58,27 +68,42 @@ class Probe:
     change: Floats  #: (2, n, k) whitened change of the statistics for each, from two sensors
 
 
-def visible(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int) -> Probed:
-    """Return how well each number of some effects is seen: from ever smaller probes, until they are not gross."""
-    found: Probed = {}
-    left, factor = list(effects), _FIRST
+def well_sized(
+    problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int, effort: float, seen: Probed
+) -> list[Probe]:  # fmt: skip
+    """Return a probe of each effect of about the size that is wanted: see :func:`sizes_for`.
+
+    Parameters
+    ----------
+    seen
+        How well effects are seen, as far as that is known; what is found out is added.
+    """
+    found: dict[str, Probe] = {}
+    left = {e: sizes_for(problem, fit, e, seen) for e in effects}
     for _ in range(_TRIALS):
-        wanted = [(e, [(factor,) * len(switches(e))]) for e in left]
-        probes = [several[0] for several in probes_at(problem, fit, wanted, seed, _FIRST_EFFORT)]
-        gross = set()
-        for one in probes:
-            for i, free in enumerate(one.free):
-                seen = _seen(*one.change[:, :, i])
-                found[free.owner, free.name] = seen / factor
-                if seen > _GROSS:
-                    gross.add(free.owner)
-        left, factor = [e for e in left if e.id in gross], factor * _SMALLER
+        probes = [
+            several[0] for several in probes_at(problem, fit, [(e, [f]) for e, f in left.items()], seed, effort)
+        ]
+        again = {}
+        for one, (effect, sizes) in zip(probes, left.items(), strict=True):
+            found[effect.id] = one
+            looks = [seen_of(*one.change[:, :, i]) for i in range(len(sizes))]
+            seen |= {(f.owner, f.name): n / size for f, n, size in zip(one.free, looks, sizes, strict=True)}
+            wanted = sizes_for(problem, fit, effect, seen)
+            # What is gross is seen even better than it looks: no statistic counts for more than a few.
+            others = tuple(
+                min(new, _SMALLER * size) if n > _GROSS else new
+                for new, size, n in zip(wanted, sizes, looks, strict=True)
+            )
+            if any(not 1.0 / _ABOUT <= size / new <= _ABOUT for size, new in zip(sizes, others, strict=True)):
+                again[effect] = others
+        left = again
         if not left:
             break
-    return found
+    return [found[e.id] for e in effects]
 
 
-def _seen(a: Floats, b: Floats) -> float:
+def seen_of(a: Floats, b: Floats) -> float:
     """Return by how many standard errors an effect moves all statistics, none of which counts for more than a few.
 
     What could be chance of the simulation is not seen.
@@ -90,11 +115,14 @@ def _seen(a: Floats, b: Floats) -> float:
 def sizes_for(
     problem: Problem, fit: Fit, effect: type[Effect], seen: Mapping[tuple[str, str], float]
 ) -> tuple[float, ...]:
-    """Return the size at which to probe each number of an effect, beside that of the catalogue."""
+    """Return the size at which to probe each number of an effect, beside that of the catalogue.
+
+    It is the one that would explain what is left, or that is just well seen.
+    """
     missing = math.sqrt(max(deviance(problem, fit) - freedom(fit), 0.0))
-    wanted = max(missing, _WELL_SEEN)
-    known = [seen[f.owner, f.name] for f in switches(effect)]
-    return tuple(min(max(wanted / s, _SMALLEST), _LARGEST) if s > 0.0 else 1.0 for s in known)
+    wanted = max(missing, WELL_SEEN)
+    known = [seen.get((f.owner, f.name)) for f in switches(effect)]
+    return tuple(_FIRST if s is None else min(max(wanted / max(s, 1e-9), _SMALLEST), _LARGEST) for s in known)
 
 
 def probes_at(
@@ -124,12 +152,14 @@ def probes_at(
     return found
 
 
-def closer(problem: Problem, fit: Fit, probes: Sequence[Probe], seed: int, effort: float) -> list[Probe]:
-    """Return probes of the same sizes, looked at with another effort."""
+def closer(
+    problem: Problem, fit: Fit, probes: Sequence[Probe], factors: Sequence[Floats], seed: int, effort: float
+) -> list[Probe]:  # fmt: skip
+    """Return probes of other sizes, beside those that they had, looked at with another effort."""
     wanted = []
-    for one in probes:
+    for one, change in zip(probes, factors, strict=True):
         usual = [free.coordinate(free.probe) for free in one.free]
-        wanted.append((one.effect, [tuple(at / u for at, u in zip(one.at, usual, strict=True))]))
+        wanted.append((one.effect, [tuple(np.asarray(one.at) / usual * change)]))
     return [several[0] for several in probes_at(problem, fit, wanted, seed, effort)]
 
 

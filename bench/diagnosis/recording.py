@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -13,11 +13,12 @@ from bench.analysis.windows import test_windows, window_of
 from bench.models.simulation import recorded_light
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     import numpy.typing as npt
 
     from bench.analysis.windows import TestGroup, TestWindows
+    from bench.diagnosis.views.base import Statistic, View
     from bench.store.data import PointData
     from sim_backend.pixel.light import LightHistory
 
@@ -43,6 +44,7 @@ class Frame:
         for group in range(len(self.windows.groups)):
             mine = np.flatnonzero(self.windows.group == group)
             self.local[mine] = np.arange(mine.size)
+        self._unsaid: dict[str, tuple[Statistic, ...]] = {}
 
     @cached_property
     def light(self) -> LightHistory:
@@ -54,10 +56,18 @@ class Frame:
         """Whether the light was constant: every event is background."""
         return self.point.waveform == "constant"
 
+    def unsaid(self, view: View, sensors: int) -> list[Statistic]:
+        """Return the statistics of a view that say nothing: those of recordings without events."""
+        if view.id not in self._unsaid:
+            self._unsaid[view.id] = tuple(view.look(Recording(self, [])))
+        return [
+            replace(s, top=np.tile(s.top, sensors), bottom=np.tile(s.bottom, sensors)) for s in self._unsaid[view.id]
+        ]
+
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """The events in the k response windows of one group of test pulses, for n pixels."""
+    """The events in the k response windows of one group of test pulses, for n pixels, of all sensors."""
 
     test: TestGroup
     own: npt.NDArray[np.int64]  #: (n, k) events of the polarity that is expected
@@ -72,26 +82,28 @@ class Answers:
 
 
 class Recording:
-    """One recording of a point, for the views.
+    """One recording of a point, for the views; or one of each of several sensors, which takes hardly longer.
 
     Parameters
     ----------
     frame
         What was done in the point.
-    chunks
-        Arrays of `EVENT_DTYPE`, in order of time. Events outside the window, of pixels that were off, behind the end
-        of the recording, or in gaps are left out.
+    sensors
+        Of each sensor arrays of `EVENT_DTYPE`, in order of time. Events outside the window, of pixels that were off,
+        behind the end of the recording, or in gaps are left out.
     """
 
-    def __init__(self, frame: Frame, chunks: Iterable[npt.NDArray[np.void]]) -> None:
+    def __init__(self, frame: Frame, *sensors: Iterable[npt.NDArray[np.void]]) -> None:
         self.frame = frame
+        self.sensors = len(sensors)
+        self.pixels = len(sensors) * frame.pixels  #: of all sensors, those of the first before those of the next
         point = frame.point
-        t, pixel, p = _gather(chunks, point)
+        t, pixel, p, sensor = _gather(sensors, point)
         rank = frame.rank[pixel]
         keep = (rank >= 0) & (t <= round(point.duration_s * _US_PER_S))
         keep &= outside_gaps(t, point.gaps_s)
-        self.t_us: Ints = t[keep]
-        self.pixel: Ints = rank[keep]  #: from 0 to the number of pixels that were on
+        self.t_us: Ints = t[keep]  #: in order of time for each sensor
+        self.pixel: Ints = (rank + sensor * frame.pixels)[keep]  #: from 0; pixels that were off have no number
         self.p: npt.NDArray[np.uint8] = p[keep]  #: 1 ON, 0 OFF
 
     @cached_property
@@ -106,18 +118,28 @@ class Recording:
         other = window_of(self.frame.windows, self.t_us, 1 - self.p)
         return tuple(self._answers(g, own, other) for g in range(len(self.frame.windows.groups)))
 
+    def by_sensor(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return values of all pixels, (pixels, ...), with those of each sensor by themselves, (sensors, n, ...)."""
+        return values.reshape(self.sensors, self.frame.pixels, *values.shape[1:])
+
+    def about_mean(self, values: npt.NDArray[Any]) -> Floats:
+        """Return values of all pixels, (pixels, ...), less the mean of all values of the same sensor."""
+        apart = self.by_sensor(values)
+        mean = apart.mean(axis=tuple(range(1, apart.ndim)), keepdims=True)
+        return np.asarray((apart - mean).reshape(values.shape), np.float64)
+
     def counts(self, polarity: int, begin: float = 0.0, end: float = 1.0) -> Floats:
         """Return the events of each pixel in a part of the recording, from 0 to 1."""
         span = self.frame.point.duration_s * _US_PER_S
         mine = (self.p == polarity) & (self.t_us >= begin * span) & (self.t_us < end * span)
         if end >= 1.0:
             mine |= (self.p == polarity) & (self.t_us >= span)
-        return np.bincount(self.pixel[mine], minlength=self.frame.pixels).astype(np.float64)
+        return np.bincount(self.pixel[mine], minlength=self.pixels).astype(np.float64)
 
     def _answers(self, group: int, own: Ints, other: Ints) -> Answers:
         frame, windows = self.frame, self.frame.windows
         test = windows.groups[group]
-        shape = (frame.pixels, test.pulses)
+        shape = (self.pixels, test.pulses)
 
         def cells(window: Ints) -> tuple[Ints, Ints]:
             events = np.flatnonzero((window >= 0) & (windows.group[window] == group))
@@ -140,15 +162,17 @@ class Recording:
         )
 
 
-def _gather(chunks: Iterable[npt.NDArray[np.void]], point: PointData) -> tuple[Ints, Ints, npt.NDArray[np.uint8]]:
-    """Return time, pixel of the window and polarity of all events inside the window."""
+def _gather(
+    sensors: Sequence[Iterable[npt.NDArray[np.void]]], point: PointData
+) -> tuple[Ints, Ints, npt.NDArray[np.uint8], Ints]:
+    """Return time, pixel of the window, polarity and number of the sensor of all events inside the window."""
     roi = point.roi
-    parts = []
-    for events in chunks:
-        x, y = events["x"].astype(np.int64) - roi.x, events["y"].astype(np.int64) - roi.y
-        inside = (x >= 0) & (x < roi.width) & (y >= 0) & (y < roi.height)
-        parts.append((events["t"][inside].astype(np.int64), (y * roi.width + x)[inside], events["p"][inside]))
-    if not parts:
-        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8)
-    t, pixel, p = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return t, pixel, p
+    parts = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.int64))]
+    for number, chunks in enumerate(sensors):
+        for events in chunks:
+            x, y = events["x"].astype(np.int64) - roi.x, events["y"].astype(np.int64) - roi.y
+            inside = (x >= 0) & (x < roi.width) & (y >= 0) & (y < roi.height)
+            t, pixel, p = events["t"][inside].astype(np.int64), (y * roi.width + x)[inside], events["p"][inside]
+            parts.append((t, pixel, p, np.full(t.size, number)))
+    t, pixel, p, sensor = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return t, pixel, p, sensor

@@ -19,12 +19,18 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["loss", "solve", "weights"]
+__all__ = ["loss", "positive", "solve", "weights", "without"]
 
 #: Residuals above so many standard errors count by their size, not its square.
 _DELTA: Final = 4.0
 _ROUNDS: Final = 12
 _SAME: Final = 1e-3
+#: What is less beside the largest is no direction at all.
+_NO_DIRECTION: Final = 1e-10
+#: Of products of columns at least this share is no chance.
+_LEAST_LEFT: Final = 0.2
+#: Bounds are at least this far apart, in standard errors.
+_NARROW: Final = 1e-12
 
 
 def loss(residual: Floats) -> float:
@@ -56,7 +62,7 @@ def solve(
     precision, towards
         (k,) of a normal prior of the coefficients.
     lowest, highest
-        (k,) bounds of the coefficients.
+        (k,) bounds of the coefficients, with 0 between them.
     chance
         What chance in the columns adds to their products with each other, (k, k), with these weights (n,).
     """
@@ -66,7 +72,7 @@ def solve(
         w = weights(residual - columns @ c)[:, None]
         left = columns.T @ (w * columns)
         if chance is not None:
-            left = positive(left - chance(w[:, 0]))
+            left = without(left, chance(w[:, 0]))
         left = left + np.diag(precision)
         right = columns.T @ (w[:, 0] * residual) + precision * towards
         new = _bounded(left, right, lowest, highest)
@@ -76,8 +82,27 @@ def solve(
             break
     after = loss(residual - columns @ c) + float(precision @ ((c - towards) ** 2 - towards**2))
     if chance is not None:
-        after -= float(c @ chance(weights(residual - columns @ c)) @ c)
+        w = weights(residual - columns @ c)
+        all_of_it = columns.T @ (w[:, None] * columns)
+        after -= float(c @ (all_of_it - without(all_of_it, chance(w))) @ c)
     return c, before - after
+
+
+def without(products: Floats, chance: Floats) -> Floats:
+    """Return the products of columns with each other less what chance adds to them; in no direction most of it.
+
+    Where nearly all is chance a direction would be left in which columns do not move at all, and a step along it
+    might go anywhere.
+    """
+    scale = np.sqrt(np.maximum(np.diag(products), 0.0))
+    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(products * np.outer(unit, unit))
+    kept = values > _NO_DIRECTION * values[-1]
+    root, inverse = vectors[:, kept] * np.sqrt(values[kept]), vectors[:, kept] / np.sqrt(values[kept])
+    share = np.eye(int(kept.sum())) - inverse.T @ (chance * np.outer(unit, unit)) @ inverse
+    left, directions = np.linalg.eigh(0.5 * (share + share.T))
+    share = (directions * np.maximum(left, _LEAST_LEFT)) @ directions.T
+    return np.asarray(root @ share @ root.T * np.outer(scale, scale))
 
 
 def positive(matrix: Floats) -> Floats:
@@ -92,17 +117,26 @@ def positive(matrix: Floats) -> Floats:
 
 
 def _bounded(left: Floats, right: Floats, lowest: Floats, highest: Floats) -> Floats:
-    """Return the minimum of a quadratic form within bounds, by fixing what goes beyond them."""
-    free = np.ones(right.size, np.bool_)
+    """Return the minimum of the quadratic form ``c left c / 2 - right c`` within bounds."""
+    scale = np.sqrt(np.diag(left))
+    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(left * np.outer(unit, unit))
+    kept = values > _NO_DIRECTION * values[-1]
+    roots = np.sqrt(values[kept])
+    columns = roots[:, None] * vectors[:, kept].T
+    target = (vectors[:, kept].T @ (unit * right)) / roots
+    free = np.linalg.lstsq(columns, target, rcond=None)[0] * unit
+    if np.all((free >= lowest) & (free <= highest)):
+        return np.asarray(free)
+    known = scale > 0.0  # of what nothing is known nothing is asked
+    low, high = lowest[known] * scale[known], highest[known] * scale[known]
     found = np.zeros(right.size)
-    for _ in range(right.size):
-        if not free.any():
-            break
-        inner = left[np.ix_(free, free)]
-        found[free] = np.linalg.lstsq(inner, right[free] - left[np.ix_(free, ~free)] @ found[~free], rcond=1e-10)[0]
-        beyond = free & ((found < lowest) | (found > highest))
-        if not beyond.any():
-            break
-        found = np.where(beyond, np.clip(found, lowest, highest), found)
-        free &= ~beyond
-    return found
+    found[known] = _bvls(columns[:, known], target, low, high) * unit[known]
+    return np.clip(found, lowest, highest)
+
+
+def _bvls(columns: Floats, target: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the least-squares solution within bounds (P. B. Stark, R. L. Parker, Comput. Statist. 10, 1995)."""
+    from scipy.optimize import lsq_linear
+
+    return np.asarray(lsq_linear(columns, target, bounds=(low, np.maximum(high, low + _NARROW)), method="bvls").x)

@@ -27,7 +27,7 @@ __all__ = ["inside", "longest_of", "shown", "step_from"]
 _LONGEST_THRESHOLD: Final = 0.3
 _LONGEST_BASE: Final = 0.7
 #: and for the time offset, in the standard deviation that is expected of it.
-_LONGEST_OFFSET: Final = 10.0
+_LONGEST_OFFSET: Final = 4.0
 
 
 def step_from(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Label", "Summary", "add", "summarise"]
+__all__ = ["Label", "Summary", "add", "summarise", "summarise_each"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,33 +79,45 @@ class Summary:
         return np.asarray(found * (self.recordings / np.outer(bottom, bottom)))
 
 
-def summarise(recording: Recording, views: Sequence[View], *, labelled: bool = True) -> Summary:
-    """Return what all views say about one recording.
+def summarise(recording: Recording, views: Sequence[View]) -> Summary:
+    """Return what all views say about a recording of one sensor."""
+    seen = [(view, statistic) for view in views for statistic in view.look(recording)]
+    labels = tuple(_label(recording.frame.point, view, s) for view, s in seen)
+    return replace(_summaries([s for _, s in seen], recording.sensors)[0], labels=labels)
 
-    The clusters of two statistics are either the same pixels, or the same pulses, or independent.
+
+def summarise_each(recording: Recording, views: Sequence[View], *, whole: bool) -> list[Summary]:
+    """Return what all views say about the recording of each sensor, without labels.
 
     Parameters
     ----------
-    labelled
-        Say what each statistic is about.
+    whole
+        The recording is of all pixels of one sensor. Else nothing is said about what depends on how many there are.
     """
-    point = recording.frame.point
-    seen = [(view, statistic) for view in views for statistic in view.look(recording)]
-    labels = tuple(_label(point, view, s) for view, s in seen) if labelled else ()
+    seen: list[Statistic] = []
+    for view in views:
+        seen += (
+            view.look(recording) if whole or not view.of_array else recording.frame.unsaid(view, recording.sensors)
+        )
+    return _summaries(seen, recording.sensors)
+
+
+def _summaries(seen: Sequence[Statistic], sensors: int) -> list[Summary]:
+    """Return the statistics of each sensor.
+
+    The clusters of two statistics are either the same pixels, or the same pulses, or independent.
+    """
     k = len(seen)
-    products = np.zeros((2 * k, 2 * k))
-    pixels = [i for i, (_, s) in enumerate(seen) if not s.by_pulse]
-    if pixels:
-        summands = np.array([seen[i][1].top for i in pixels] + [seen[i][1].bottom for i in pixels])
-        both = np.concatenate([pixels, np.add(pixels, k)])
-        products[np.ix_(both, both)] = summands @ summands.T
-    for i, (_, s) in enumerate(seen):
-        if s.by_pulse:
-            summands = np.array([s.top, s.bottom])
-            products[np.ix_([i, i + k], [i, i + k])] = summands @ summands.T
-    top = np.array([s.top.sum() for _, s in seen])
-    bottom = np.array([s.bottom.sum() for _, s in seen])
-    return Summary(labels, top, bottom, products)
+    ends = [[s.top.reshape(sensors, -1) for s in seen], [s.bottom.reshape(sensors, -1) for s in seen]]
+    products = np.zeros((sensors, 2 * k, 2 * k))
+    pixels = [i for i, s in enumerate(seen) if not s.by_pulse]
+    for same in [pixels, *([i] for i, s in enumerate(seen) if s.by_pulse)]:
+        if same:
+            summands = np.stack([end[i] for end in ends for i in same], axis=1)
+            both = np.concatenate([same, np.add(same, k)])
+            products[:, both[:, None], both] = summands @ summands.transpose(0, 2, 1)
+    top, bottom = (np.array([values.sum(axis=1) for values in end]).reshape(k, sensors).T for end in ends)
+    return [Summary((), *one) for one in zip(top, bottom, products, strict=True)]
 
 
 def _label(point: PointData, view: View, s: Statistic) -> Label:

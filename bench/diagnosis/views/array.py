@@ -76,7 +76,8 @@ class Outliers(View):
         """Yield their share."""
         if recording.frame.constant:
             counts = recording.counts(1)
-            usual = float(np.mean(np.sort(counts)[: max(int(0.9 * counts.size), 1)]))
+            fellows = np.sort(recording.by_sensor(counts), axis=1)[:, : max(int(0.9 * recording.frame.pixels), 1)]
+            usual = np.repeat(fellows.mean(axis=1), recording.frame.pixels)
             out = counts > _TIMES * usual + _EVENTS
             yield Statistic("on", "share", out.astype(np.float64), np.ones(counts.size))
 

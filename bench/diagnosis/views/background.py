@@ -67,12 +67,12 @@ class BackgroundSpread(View):
                             recording.counts(polarity, k / _SLICES, (k + 1) / _SLICES)
                             for k in range(which, _SLICES, 2)
                         ),
-                        np.zeros(recording.frame.pixels),
+                        np.zeros(recording.pixels),
                     )
                     for which in (0, 1)
                 ]
                 half = recording.frame.observed_s / 2.0
-                away = [(s - s.mean()) / half for s in sets]
+                away = [recording.about_mean(s) / half for s in sets]
                 least = 1.0 / (half**2 * away[0].size)
                 yield Statistic(part, "difference", away[0] * away[1], np.ones(away[0].size), "Hz^2", least=least)
 
@@ -87,7 +87,7 @@ class SamePolarity(View):
         """Yield the share."""
         if recording.frame.constant:
             pixel, p, _ = _pairs(recording)
-            n = recording.frame.pixels
+            n = recording.pixels
             same = np.bincount(pixel[p[:, 0] == p[:, 1]], minlength=n).astype(np.float64)
             yield Statistic("both", "share", same, np.bincount(pixel, minlength=n).astype(np.float64))
 
@@ -120,7 +120,7 @@ class Regularity(View):
 def _intervals(recording: Recording, power: int) -> Iterator[Statistic]:
     if recording.frame.constant:
         pixel, p, gap_s = _pairs(recording)
-        n = recording.frame.pixels
+        n = recording.pixels
         for polarity, part in _POLARITIES:
             mine = (p[:, 0] == polarity) & (p[:, 1] == polarity)
             values = np.log(np.maximum(gap_s[mine], 1e-6)) ** power

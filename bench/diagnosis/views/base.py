@@ -45,10 +45,13 @@ class View:
 
     id: ClassVar[str]  #: the name in files
     title: ClassVar[str]  #: what it shows, for an axis
-    of_array: ClassVar[bool] = False  #: what it shows depends on how many pixels there are
+    of_array: ClassVar[bool] = False
+    """What it shows depends on how many pixels there are: it looks at whole sensors only, one by one."""
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield what this view has to say about a recording, always the same statistics for the same frame.
+
+        Of several sensors the clusters of the first come before those of the next.
 
         Raises
         ------

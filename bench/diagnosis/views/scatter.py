@@ -35,7 +35,9 @@ class PixelSpread(View):
                 for k in (0, 1)
             )
             least = 4.0 / (answers.test.pulses**2 * len(even))
-            yield _difference(answers, (even - even.mean()) * (odd - odd.mean()), np.ones(len(even)), least=least)
+            yield _difference(
+                answers, recording.about_mean(even) * recording.about_mean(odd), np.ones(len(even)), least=least
+            )
 
 
 class Succession(View):
@@ -47,7 +49,7 @@ class Succession(View):
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the covariance."""
         for answers in recording.groups:
-            away = answers.answered - answers.answered.mean()
+            away = recording.about_mean(answers.answered)
             pairs = max(answers.test.pulses - 1, 1)
             least = 1.0 / (pairs * len(away))
             products = (away[:, 1:] * away[:, :-1]).sum(axis=1)
@@ -82,11 +84,10 @@ class CommonMode(View):
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the covariance."""
         for answers in recording.groups:
-            first, second = (
-                answers.answered[0::2].mean(axis=0),
-                (answers.answered[1::2].mean(axis=0) if len(answers.own) > 1 else np.zeros(answers.test.pulses)),
-            )
-            product = (first - first.mean()) * (second - second.mean())
+            answered = recording.by_sensor(answers.answered)
+            first = answered[:, 0::2].mean(axis=1)
+            second = answered[:, 1::2].mean(axis=1) if answered.shape[1] > 1 else np.zeros_like(first)
+            product = np.prod([half - half.mean(axis=1, keepdims=True) for half in (first, second)], axis=0).ravel()
             least = 4.0 / (len(answers.own) ** 2 * product.size)
             yield _difference(answers, product, np.ones(product.size), by_pulse=True, least=least)
 

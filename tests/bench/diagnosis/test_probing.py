@@ -39,5 +39,5 @@ def test_a_probe_is_as_large_as_what_is_left() -> None:
     # A deviance of 9 for each of 400 is 3200 too much: 56.6 standard errors, of which the catalogue's size has 100.
     sizes = sizes_for(PROBLEM, fit, leak, {("leak", "rate_per_s"): 100.0})
     assert sizes == pytest.approx((np.sqrt(8.0 * N) / 100.0,))
-    assert sizes_for(PROBLEM, fit, leak, {("leak", "rate_per_s"): 0.0}) == (1.0,)
+    assert sizes_for(PROBLEM, fit, leak, {}) == (0.25,)
     assert sizes_for(PROBLEM, fit, leak, {("leak", "rate_per_s"): 1e-3}) == (4.0,)

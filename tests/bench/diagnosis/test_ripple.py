@@ -1,4 +1,4 @@
-"""A ripple shows in the background events, and chance does not look like one."""
+"""A ripple shows in background events, and in answers to pulses of several periods; chance does not look like one."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from bench.diagnosis.ripple import ripple_hz
 SECONDS = 10.0
 
 
-def steady(rng: np.random.Generator, depth: float, hz: float = 0.0, events: int = 3000, pulses: int = 0) -> Any:
+def steady(rng: np.random.Generator, depth: float, hz: float = 0.0, events: int = 3000) -> Any:
     """Return a point at constant light with events at random times, more of them at some phase of a ripple."""
     t = rng.uniform(0.0, SECONDS, 4 * events)
     kept = rng.random(t.size) < 0.25 * (1.0 + depth * np.sin(2.0 * np.pi * hz * t + rng.uniform(0.0, 6.0)))
     stamps = np.zeros(int(kept.sum()), dtype=[("t", np.int64)])
     stamps["t"] = np.sort(t[kept] * 1e6)
-    return SimpleNamespace(events=lambda: iter([stamps]), duration_s=SECONDS, pulse_start_s=np.zeros(pulses))
+    return SimpleNamespace(events=lambda: iter([stamps]), duration_s=SECONDS, pulse_start_s=np.zeros(0))
 
 
 def test_the_frequency_of_a_ripple_is_found() -> None:
@@ -35,6 +35,30 @@ def test_chance_is_no_ripple() -> None:
     assert sum(f is not None for f in found) <= 1
 
 
-def test_points_with_pulses_or_hardly_any_events_say_nothing() -> None:
+def answers(rng: np.random.Generator, depth: float, hz: float, period_s: float) -> Any:
+    """Return a point with pulses that are answered sooner and more often at some phase of a ripple."""
+    edges = np.arange(0.1, SECONDS, 0.5 * period_s)
+    phase = 2.0 * np.pi * hz * edges + rng.uniform(0.0, 6.0)
+    parts = []
+    for edge, ripple in zip(edges, depth * np.sin(phase), strict=True):
+        answered = int(rng.binomial(200, 0.5 * (1.0 + ripple)))
+        parts.append(edge + 5e-3 * (1.0 - 0.3 * ripple) + 1e-3 * rng.standard_normal(answered))
+    stamps = np.zeros(sum(len(p) for p in parts), dtype=[("t", np.int64)])
+    stamps["t"] = np.sort(np.concatenate(parts) * 1e6)
+    return SimpleNamespace(events=lambda: iter([stamps]), duration_s=SECONDS, pulse_start_s=edges)
+
+
+def test_pulses_of_several_periods_agree_on_the_ripple() -> None:
     rng = np.random.default_rng(6)
-    assert ripple_hz([steady(rng, 0.9, 123.4, pulses=4), steady(rng, 0.9, 123.4, events=50)]) is None
+    taken = [answers(rng, 0.5, 123.4, period_s) for period_s in (0.161, 0.1, 0.071)]
+    assert ripple_hz(taken) == pytest.approx(123.4, abs=0.1)
+    assert ripple_hz([answers(rng, 0.0, 123.4, period_s) for period_s in (0.161, 0.1, 0.071)]) is None
+
+
+def test_pulses_of_one_period_do_not_tell() -> None:
+    rng = np.random.default_rng(6)
+    assert ripple_hz([answers(rng, 0.5, 123.4, 0.161) for _ in range(3)]) is None
+
+
+def test_hardly_any_events_say_nothing() -> None:
+    assert ripple_hz([steady(np.random.default_rng(6), 0.9, 123.4, events=20)]) is None

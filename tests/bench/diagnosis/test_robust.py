@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.diagnosis.robust import loss, positive, solve
+from bench.diagnosis.robust import loss, positive, solve, without
 
 RNG = np.random.default_rng(11)
 OPEN = np.full(2, 1e9)
@@ -39,6 +39,25 @@ def test_bounds_hold_and_the_others_follow() -> None:
     assert found[0] == pytest.approx(alone[0], rel=1e-2)
 
 
+def test_at_the_bounds_no_coefficient_wants_to_come_back() -> None:
+    """Many columns that are much alike, tight bounds: where it is not zero the gradient points out of the bounds."""
+    for _ in range(50):
+        columns = RNG.standard_normal((100, 1)) + 0.1 * RNG.standard_normal((100, 6))
+        residual = 1e-2 * columns @ RNG.standard_normal(6) + 1e-3 * RNG.standard_normal(100)
+        low, high = (
+            np.array([-0.7, -0.3, -0.1, 0.0, 0.0, -1e-9]) * 1e-2,
+            np.array([0.7, 0.3, 0.1, 2.0, 2.0, 1e-9]) * 1e-2,
+        )
+        found, _ = solve(columns, residual, np.zeros(6), np.zeros(6), low, high)
+        downhill = columns.T @ (residual - columns @ found)
+        width = high - low
+        inside = (found > low + 1e-6 * width) & (found < high - 1e-6 * width)
+        steepest = np.abs(columns.T @ residual).max()
+        assert np.abs(downhill[inside]).max(initial=0.0) < 1e-3 * steepest
+        assert np.all(downhill[found >= high - 1e-6 * width] > -1e-3 * steepest)
+        assert np.all(downhill[found <= low + 1e-6 * width] < 1e-3 * steepest)
+
+
 def test_chance_in_the_columns_that_is_known_makes_no_step_shorter() -> None:
     n = 4000
     true = RNG.standard_normal((n, 2))
@@ -60,3 +79,13 @@ def test_the_loss_is_square_for_small_and_straight_for_large_residuals() -> None
 def test_negative_information_is_none() -> None:
     found = positive(np.array([[1.0, 0.0], [0.0, -1e-3]]))
     assert found == pytest.approx(np.array([[1.0, 0.0], [0.0, 0.0]]))
+
+
+def test_in_no_direction_all_is_taken_for_chance() -> None:
+    products = np.diag([4.0, 9.0, 1e-6])
+    found = without(products, np.diag([1.0, 8.9, 1e-6]))
+    assert found == pytest.approx(np.diag([3.0, 0.2 * 9.0, 0.2e-6]))
+    # Whatever the directions are: what is left is a share between 0.2 and 1 of the products.
+    turn = np.linalg.qr(RNG.standard_normal((3, 3)))[0]
+    turned = without(13.0 * np.eye(3), turn @ np.diag([1.0, 5.0, 20.0]) @ turn.T)
+    assert turned == pytest.approx(turn @ np.diag([12.0, 8.0, 0.2 * 13.0]) @ turn.T)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.forward import Task, sensor_of
+from bench.diagnosis.forward import Task, sensors_of
 from bench.diagnosis.same_law import representatives
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.dark_current import DarkCurrent
@@ -43,7 +43,7 @@ def test_a_different_recording_is_not_the_same(point: Callable[..., Any]) -> Non
 
 def test_what_is_simulated_once_stands_for_all(point: Callable[..., Any]) -> None:
     points = (point(0, 0.3, lux=1.0), point(1, 0.3, lux=10.0))
-    seen = sensor_of(Task(points, (PIXEL, PIXEL), 2e-5, seed=1, sensor=0))
+    seen = sensors_of(Task(points, ((PIXEL, PIXEL),), (0,), 2e-5, seed=1))[0]
     first, second = seen.summaries
     assert np.array_equal(first.top, second.top)
     assert np.array_equal(first.products, second.products)
@@ -56,7 +56,7 @@ def test_effects_that_do_not_know_the_light_give_the_same_events_in_ten_times_as
     """The same random numbers: an effect that knew the light would show in the very events."""
     model = PIXEL + effects()[effect_id]()
     seen = [
-        sensor_of(Task((point(0, 0.35, lux=lux, periods=4),), (model,), 2e-5, seed=1, sensor=0)).summaries[0]
+        sensors_of(Task((point(0, 0.35, lux=lux, periods=4),), ((model,),), (0,), 2e-5, seed=1))[0].summaries[0]
         for lux in (1.0, 10.0)
     ]
     assert seen[0].top[0] > 0.0

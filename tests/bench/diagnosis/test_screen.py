@@ -36,11 +36,11 @@ def fitted(residual: npt.NDArray[np.float64]) -> Fit:
 PROBLEM = cast("Any", SimpleNamespace(measured=SimpleNamespace(points=(slice(0, N),))))
 
 
-def probe_along(effect_id: str, *directions: npt.NDArray[np.float64]) -> list[Probe]:
+def probe_along(effect_id: str, *directions: npt.NDArray[np.float64]) -> Probe:
     """Return a probe of one size that moves the statistics along these directions, alike in both sensors."""
     effect = effects()[effect_id]
     change = np.stack(directions, axis=1)
-    return [Probe(effect, switches(effect), (1.0,) * len(directions), np.stack([change, change]))]
+    return Probe(effect, switches(effect), (1.0,) * len(directions), np.stack([change, change]))
 
 
 LEAK, DARK, DRIFT = (10.0 * d / np.linalg.norm(d) for d in RNG.standard_normal((3, N)))
@@ -92,3 +92,13 @@ def test_two_effects_with_one_direction_are_alike() -> None:
     assert scores.likeness[0, 1] == pytest.approx(1.0)
     apart = score(PROBLEM, fitted(LEAK), [probe_along("leak", LEAK), probe_along("dark_current", DARK)], seed=1)
     assert abs(apart.likeness[0, 1]) < 0.3
+
+
+def test_what_another_effect_explains_is_no_sign_of_this_one() -> None:
+    alike = LEAK + 2.0 * DARK / np.linalg.norm(DARK)
+    probes = [probe_along("leak", LEAK), probe_along("dark_current", alike)]
+    residual = 0.8 * LEAK + RNG.standard_normal(N)
+    assert score(PROBLEM, fitted(residual), probes, seed=1).p_value[1] < 1e-4
+    beside = score(PROBLEM, fitted(residual), probes, seed=1, beside=probes[:1])
+    assert beside.p_value[0] == 1.0
+    assert beside.p_value[1] > 1e-3

@@ -1,0 +1,53 @@
+"""What an effect would explain of the residuals of a fit, if all went along straight lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis import robust
+from bench.diagnosis.fitted import prior_precision
+from bench.diagnosis.steps import longest_of
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.probing import Probe
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["BEYOND", "explain"]
+
+#: A probe says something about effects up to so many times its size.
+BEYOND: Final = 2.0
+
+
+def explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> tuple[Floats, Floats, float]:
+    """Return the expected changes of the free numbers, coordinates of the effect, and fall of the loss.
+
+    Parameters
+    ----------
+    columns
+        (n, b) whitened changes by the free numbers.
+    residual
+        (n,) whitened.
+    one
+        The effect; None: none.
+    """
+    longest = longest_of(fit.slots, fit.x)
+    low, high = (np.array([s.free.range[end] for s in fit.slots]) for end in (0, 1))
+    lowest, highest = np.maximum(low - fit.x, -longest), np.minimum(high - fit.x, longest)
+    precision, towards = prior_precision(fit.slots), fit.start - fit.x
+    k = len(longest)
+    if one is not None:
+        m = len(one.free)
+        columns = np.concatenate([columns, one.change.mean(axis=0)], axis=1)
+        signed = np.array([f.range[0] < 0.0 for f in one.free])
+        lowest = np.append(lowest, np.where(signed, -BEYOND, 0.0))
+        highest = np.append(highest, np.full(m, BEYOND))
+        precision, towards = np.append(precision, np.zeros(m)), np.append(towards, np.zeros(m))
+    c, fall = robust.solve(columns, residual, precision, towards, lowest, highest)
+    at = np.array(one.at if one is not None else ())
+    return c[:k], c[k:] * at, fall

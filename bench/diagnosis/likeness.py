@@ -1,0 +1,114 @@
+"""Whether a run like this one would tell two effects apart."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.catalogue import free_of, probe_of, switches
+from bench.diagnosis.probing import reliable
+from bench.diagnosis.screen import basis_of, beyond
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.refit import Found
+    from sim_backend.pixel.effects.base import Effect
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["closest", "separation"]
+
+_EFFORT: Final = 2.0
+#: Standard errors of a separation that are taken off.
+_SURELY: Final = 2.0
+#: Sizes at which an effect may come closest to another, beside that of the catalogue, with little effort; then steps
+#: to the size that a straight line from no effect lets expect, none of which changes it by more than a factor.
+_SIZES: Final = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+_ROUGH: Final = 0.2
+_STEPS: Final = 3
+_STEP_EFFORT: Final = 0.5
+_FACTOR: Final = 3.0
+#: At the end the size may still change by this share.
+_LAST_SHARE: Final = 0.5
+
+
+def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
+    """Return by how many standard errors a run like this one would tell two fitted models apart.
+
+    What the free numbers of the first could take up is left out, but for those of its effect. It is a lower limit:
+    what may be chance of the simulation tells nothing apart.
+    """
+    models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
+    basis = basis_of(one.fit, problem, without=one.effect)
+    return _surely(_apart(problem, one, basis, [models], seed, _EFFORT)[0])
+
+
+def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> float:
+    """Return the same for the best that another effect can do in place of the first one.
+
+    The other numbers stay, as far as they could not take up the difference. A fit of the other effect that has not
+    come to its minimum looks different where the effect is not.
+    """
+    fit = one.fit
+    basis = basis_of(fit, problem, without=one.effect)
+    without = fit.model.without(one.effect)
+    shared = [(slot, x) for slot, x in zip(fit.slots, fit.x, strict=True) if slot.free.owner != one.effect]
+    slots, numbers = [slot for slot, _ in shared], [x for _, x in shared]
+    shapes = {f.name: f.probe for f in free_of(other)}
+    usual = np.array([f.coordinate(f.probe) for f in switches(other)])
+    signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(other)) else (1.0,)
+
+    def models(factor: float) -> list[PixelModel]:
+        at = zip(switches(other), factor * usual, strict=True)
+        values = shapes | {f.name: f.value(float(np.clip(x, *f.range))) for f, x in at}
+        return problem.models(without + probe_of(other, values, problem.given.get(other.id)), slots, numbers)
+
+    tried = [sign * f for f in _SIZES for sign in signs]
+    looks = _apart(problem, one, basis, [models(f) for f in tried], seed, _ROUGH)
+    size = tried[int(np.argmin([float(a @ b) for a, b in looks]))]
+    none = problem.models(without, slots, numbers)
+    for _ in range(_STEPS):
+        share = _share(*_apart(problem, one, basis, [none, models(size)], seed, _STEP_EFFORT))
+        size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
+    null, here = _apart(problem, one, basis, [none, models(size)], seed, _EFFORT)
+    share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
+    return _surely(here + share * (here - null))
+
+
+def _share(null: Floats, here: Floats) -> float:
+    """Return by what share of itself a size wants to change, if all goes along the line from no effect.
+
+    The halves, (2, n) each, have no chance in common.
+    """
+    along = here - null
+    length = float(along[0] @ along[1])
+    return -0.5 * float(here[0] @ along[1] + here[1] @ along[0]) / length if length > 0.0 else 0.0
+
+
+def _apart(
+    problem: Problem, one: Found, basis: Floats, others: Sequence[Sequence[PixelModel]], seed: int, effort: float
+) -> list[Floats]:  # fmt: skip
+    """Return (2, n) how some models differ from a fitted one beyond a basis, whitened, in two sensors."""
+    base = problem.models(one.fit.model, one.fit.slots, one.fit.x)
+    found = []
+    for both in problem.changes(base, others, seed, effort):
+        halves = [one.fit.whiten(half, problem.measured.points) for half in reliable(problem, one.fit, both)]
+        found.append(np.stack([beyond(basis, half[:, None])[:, 0] for half in halves]))
+    return found
+
+
+def _surely(halves: Floats) -> float:
+    """Return the length of a difference, less what may be chance in it.
+
+    The product of both halves has no chance in its mean; its standard error follows from their difference.
+    """
+    first, second = halves
+    chance = float(np.sum((first - second) ** 2)) / (2.0 * math.sqrt(len(first)))
+    return math.sqrt(max(float(first @ second) - _SURELY * chance, 0.0))

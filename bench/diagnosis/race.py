@@ -1,0 +1,160 @@
+"""Models with one of several effects more: the way of each to its minimum, and who is left behind on it.
+
+The most promising go first. Once one of them explains the run, the others only have to show that they do as well,
+with its base numbers: most are left behind after a few looks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.approach import Approach, approach, further, scanned
+from bench.diagnosis.catalogue import free_of, probe_of, switches
+from bench.diagnosis.cloud import Cloud
+from bench.diagnosis.problem import Slot
+from bench.diagnosis.steps import inside
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.screen import Scores
+
+__all__ = ["entrant", "near_by", "race"]
+
+#: Steps of a way where the model was far off, and where it was not; and the relative error that what is expected may
+#: have at the start where it was.
+_FAR: Final = 6
+_NEAR: Final = 3
+_WRONG: Final = 0.1
+_FURTHER: Final = 4
+#: Sizes of an effect that are tried with the base numbers of another: beside that of the catalogue, then beside the
+#: best so far; and up to which loss, beside that of the best effect, what was found is gone on with.
+_SCANS: Final = ((0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0), (0.6, 0.8, 1.25, 1.6), (0.9, 1.1))
+_WORTH_STEPS: Final = 10.0
+#: Relative error that what is expected may have there, and how far the first step goes.
+_LESS_WRONG: Final = 0.03
+_SHORT_OF: Final = 0.2
+#: A loss per statistic below this is that of a model that lacks little.
+_GOOD: Final = 2.0
+#: Models whose loss, with little effort, is more than so many times that of the best, and so much more for chance,
+#: are out of the race.
+_RIVALS: Final = (1.5, 100.0)
+_EARLY_RIVALS: Final = (3.0, 100.0)
+
+
+def entrant(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_off: bool) -> Approach:
+    """Return the model with candidate `i` more, at the numbers that the screen expects; nothing is looked at yet.
+
+    Where the model was far off these are other base numbers, too.
+    """
+    one = scores.probes[i]
+    coordinates, values = [], {}
+    shapes = [f for f in free_of(one.effect) if f not in one.free]
+    for free, at, expected in zip(one.free, one.at, scores.size[i], strict=True):
+        # From null itself no fit finds its way when the number has one sign only.
+        start = expected if free.range[0] < 0.0 and expected != 0.0 else max(expected, 0.1 * at)
+        coordinates.append(float(start))
+        values[free.name] = free.value(float(start))
+    for free in shapes:
+        coordinates.append(free.coordinate(free.probe))
+        values[free.name] = free.probe
+    place = np.array([*(here.x + (scores.base[i] if far_off else 0.0)), *coordinates])
+    return Approach(
+        model=here.model + probe_of(one.effect, values, problem.given.get(one.effect.id)),
+        slots=(*here.slots, *(Slot(f) for f in (*one.free, *shapes))),
+        at=place,
+        start=np.array([*here.start, *coordinates]),
+        loss=math.inf,
+        seed=seed,
+        information=np.zeros((place.size, place.size)),
+        reach=_SHORT_OF,
+        cloud=Cloud(),
+    )
+
+
+def near_by(problem: Problem, one: Approach) -> Approach:
+    """Return an entrant near its minimum, which is close."""
+    return _along(problem, one, _NEAR, 0.0)
+
+
+def race(problem: Problem, entrants: Sequence[Approach]) -> list[Approach | None]:
+    """Return the entrants near their minima, which may be anywhere; None for those that are left behind.
+
+    Parameters
+    ----------
+    entrants
+        The most promising first.
+    """
+    found: list[Approach] = []
+    known: list[Approach | None] = []  # whose base numbers each was tried with
+    for one in entrants:
+        best = _best(found)
+        if best is None or best.loss > _GOOD * len(problem.measured.value):
+            found.append(_along(problem, one, _FAR, _WRONG, beat=math.inf if best is None else best.loss))
+            known.append(None)
+        else:
+            found.append(_beside(problem, one, best))
+            known.append(best)
+    best = _best(found)
+    if best is None:
+        return []
+    # Before the best was known, the others were tried with base numbers that had tried to stand in for them.
+    for k, one in enumerate(found):
+        if one is not best and known[k] is not best:
+            again = _beside(problem, replace(entrants[k], cloud=one.cloud), best)
+            found[k] = min(one, again, key=lambda way: way.loss)
+    kept = _rivals(found, _EARLY_RIVALS)
+    return _rivals([way and further(problem, way, _FURTHER) for way in kept], _RIVALS)
+
+
+def _best(ways: Sequence[Approach | None]) -> Approach | None:
+    return min((way for way in ways if way is not None), key=lambda way: way.loss, default=None)
+
+
+def _rivals(ways: Sequence[Approach | None], most: tuple[float, float]) -> list[Approach | None]:
+    best = _best(ways)
+    limit = math.inf if best is None else most[0] * best.loss + most[1]
+    return [way if way is not None and way.loss <= limit else None for way in ways]
+
+
+def _along(
+    problem: Problem, one: Approach, iterations: int, wrong: float, reach: float | None = None, beat: float = math.inf
+) -> Approach:  # fmt: skip
+    return approach(
+        problem, one.model, one.slots, list(one.at), seed=one.seed, iterations=iterations, wrong=wrong,
+        prior=one.start, cloud=one.cloud, reach=reach, beat=beat,
+    )  # fmt: skip
+
+
+def _beside(problem: Problem, one: Approach, best: Approach) -> Approach:
+    """Return an entrant with the numbers of the best, but for its own effect's: these in the size that suits best.
+
+    What comes near to the best goes on from there.
+    """
+    added = one.model.effects[-1]
+    names = {f.name for f in switches(type(added))}
+    own = [slot.free.owner == added.id for slot in one.slots]
+    mine = [i for i, slot in enumerate(one.slots) if own[i] and slot.free.name in names]
+    shared = np.array(best.at[: own.index(True)])
+    size = np.array([one.slots[i].free.coordinate(one.slots[i].free.probe) for i in mine])
+    seen, at = one, np.concatenate([shared, one.at[len(shared) :]])
+    tries = [one.at]
+    signed = all(one.slots[i].free.range[0] < 0.0 for i in mine)
+    for tried, factors in enumerate(_SCANS):
+        for factor in [*factors, *(-f for f in factors if signed and not tried)]:
+            to = at.copy()
+            to[mine] = factor * size
+            tries.append(inside(one.slots, to))
+        better = scanned(problem, seen, tries)
+        seen = better if better.loss < seen.loss else replace(seen, cloud=better.cloud)
+        at, size, tries = seen.at, seen.at[mine], []
+    if seen.loss > _WORTH_STEPS * best.loss:
+        return seen
+    again = _along(problem, seen, _FAR, _LESS_WRONG, _SHORT_OF)
+    return min(seen, again, key=lambda way: way.loss)

@@ -1,0 +1,100 @@
+"""Every candidate, probed at a size that the residuals ask for.
+
+What an effect does is a straight line over a small range of sizes only. What is gross is first probed at the size of
+the catalogue, then at the one that this lets expect, until both agree: what promises most from afar, and nothing once
+it is looked at in that size, is not what is missing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.catalogue import switches
+from bench.diagnosis.explaining import BEYOND, explain
+from bench.diagnosis.probing import WELL_SEEN, closer, probes_at, seen_of, well_sized
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.probing import Probe, Probed
+    from bench.diagnosis.problem import Problem
+    from sim_backend.pixel.effects.base import Effect
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["probe"]
+
+#: Effort of a probe where the model is far off, and where what may be missing is small.
+_FAR_EFFORT: Final = 0.1
+_NEAR_EFFORT: Final = 0.15
+#: Where the model is far off, so many of the most promising are probed at other sizes, so often: where the expected
+#: size is a share of the probe's that is below the first limit, or at the most it can be; no more than so many times.
+_PROMISING: Final = 8
+_ROUNDS: Final = 3
+_TOO_LARGE: Final = 0.5
+_AT_MOST: Final = 4.0
+#: Where what may be missing is small, so many of the most promising are looked at closer, with this effort.
+_CLOSER: Final = 5
+_CLOSER_EFFORT: Final = 2.0
+
+
+def probe(
+    problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int, gross: bool, seen: Probed
+) -> list[Probe]:  # fmt: skip
+    """Return a probe of each effect; of the size that is expected of those that promise most.
+
+    Parameters
+    ----------
+    gross
+        What is missing may do other things at other sizes.
+    seen
+        How well effects are seen, as far as that is known; what is found out is added.
+    """
+    if gross:
+        return _of_gross(problem, fit, effects, seed)
+    found = well_sized(problem, fit, effects, seed, _NEAR_EFFORT, seen)
+    shares, falls = _expected(problem, fit, found)
+    best = [int(i) for i in np.argsort(falls)[-_CLOSER:]]
+    sizes = [np.where(shares[i] >= BEYOND, BEYOND, 1.0) for i in best]
+    again = closer(problem, fit, [found[i] for i in best], sizes, seed + 1, _CLOSER_EFFORT)
+    for i, one in zip(best, again, strict=True):
+        found[i] = one
+    return found
+
+
+def _of_gross(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int) -> list[Probe]:
+    """Return a probe of each effect, of the catalogue's size; of the size that is expected if it promises much."""
+    wanted = [(e, [(1.0,) * len(switches(e))]) for e in effects]
+    found = [several[0] for several in probes_at(problem, fit, wanted, seed, _FAR_EFFORT)]
+    for _ in range(_ROUNDS):
+        shares, falls = _expected(problem, fit, found)
+        factors = {int(i): _other_size(found[i], shares[i]) for i in np.argsort(falls)[-_PROMISING:]}
+        others = [i for i, factor in factors.items() if np.any(factor != 1.0)]
+        if not others:
+            break
+        again = closer(problem, fit, [found[i] for i in others], [factors[i] for i in others], seed, _FAR_EFFORT)
+        for i, one in zip(others, again, strict=True):
+            found[i] = one
+    return found
+
+
+def _other_size(one: Probe, share: Floats) -> Floats:
+    """Return at which size, beside that of a probe, its numbers are probed again; it is to be seen there."""
+    least = [min(WELL_SEEN / max(seen_of(*one.change[:, :, k]), 1e-9), 1.0) for k in range(len(share))]
+    smaller = np.where((share > 0.0) & (share < _TOO_LARGE), np.maximum(share, least), 1.0)
+    return np.asarray(np.where(share >= BEYOND, _AT_MOST, smaller))
+
+
+def _expected(problem: Problem, fit: Fit, probes: Sequence[Probe]) -> tuple[list[Floats], list[float]]:
+    """Return the expected size of each effect, beside that of its probe, without sign; and what each explains."""
+    points = problem.measured.points
+    residual, jacobian = fit.whiten(fit.residual, points), fit.whiten(fit.jacobian.mean(axis=0), points)
+    found = [explain(fit, jacobian, residual, one) for one in probes]
+    return [np.abs(size / np.asarray(one.at)) for one, (_, size, _) in zip(probes, found, strict=True)], [
+        fall for _, _, fall in found
+    ]

@@ -1,0 +1,48 @@
+"""Sensors that are simulated side by side show what each shows by itself, down to the last bit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.diagnosis.forward import Task, sensors_of
+from bench.diagnosis.views.registry import VIEWS
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects import DarkCurrent, HotPixels, Leak, ThresholdMismatch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
+MODELS = (
+    PIXEL,
+    PIXEL + DarkCurrent(3.0),
+    PIXEL + Leak(0.3) + ThresholdMismatch(0.03, 0.03),
+    PIXEL + HotPixels(fraction=0.2, rate_hz=30.0),
+)
+
+
+def test_side_by_side_or_each_by_itself(point: Callable[..., Any]) -> None:
+    """Every view, of part of the pixels and of points of which some have the same law under some of the models."""
+    points = (point(0, 0.3, lux=1.0), point(1, 0.3, lux=10.0), point(2, 0.0, lux=1.0), point(3, 0.0, lux=10.0))
+    models = tuple((model,) * len(points) for model in MODELS)
+    numbers = (0, 1, 0, 3)
+    together = sensors_of(Task(points, models, numbers, 2e-5, seed=1, share=0.25))
+    for model, number, beside in zip(models, numbers, together, strict=True):
+        alone = sensors_of(Task(points, (model,), (number,), 2e-5, seed=1, share=0.25))[0]
+        assert beside.share == alone.share == 0.25
+        for one, other in zip(alone.summaries, beside.summaries, strict=True):
+            assert np.array_equal(one.top, other.top)
+            assert np.array_equal(one.bottom, other.bottom)
+            assert np.array_equal(one.products, other.products)
+
+
+def test_part_of_the_pixels_says_nothing_about_the_array(point: Callable[..., Any]) -> None:
+    asked = (point(0, 0.5),)
+    part, whole = (sensors_of(Task(asked, ((PIXEL,),), (0,), 2e-5, seed=1, share=s))[0] for s in (0.25, 1.0))
+    said = whole.summaries[0].bottom > 0.0
+    missing = said & (part.summaries[0].bottom == 0.0)
+    # Neighbours and bursts come last under pulses.
+    assert [view.id for view in VIEWS if view.of_array] == ["neighbours", "burst"]
+    assert missing[-2:].all()

@@ -1,0 +1,89 @@
+"""Effects that do the same in some size are told to be alike, however far off their own fits are."""
+
+from __future__ import annotations
+
+from types import MappingProxyType, SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.catalogue import free_of
+from bench.diagnosis.fitted import Fit
+from bench.diagnosis.likeness import closest, separation
+from bench.diagnosis.parameters import base_parameters
+from bench.diagnosis.problem import Slot
+from bench.diagnosis.refit import Found
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects.dark_current import DarkCurrent
+from sim_backend.pixel.effects.leak import Leak
+from sim_backend.pixel.effects.stray_light import StrayLight
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float64]
+
+N = 300
+RNG = np.random.default_rng(8)
+DARK, LEAK = RNG.standard_normal((2, N))
+BASE = RNG.standard_normal((N, 1))
+STRAY_IN_FA = 254.0  #: dark current that does what 1 lux of stray light does
+CHANCE = 0.3
+
+
+class FakeProblem:
+    """Statistics that saturate with the light beside the source's, and chance that is not the same in two sensors."""
+
+    measured = SimpleNamespace(points=(slice(0, N),), families=np.zeros(N, np.int64))
+    given = MappingProxyType[str, Any]({})
+
+    def models(self, model: PixelModel, slots: Sequence[Slot], x: Any) -> list[PixelModel]:
+        return [model]
+
+    def changes(
+        self, base: Sequence[PixelModel], models: Sequence[Sequence[PixelModel]], seed: int, effort: float
+    ) -> Iterator[Floats]:
+        rng = np.random.default_rng(seed)
+        for model in models:
+            chance = CHANCE * rng.standard_normal((2, N))
+            yield seen(model[0]) - seen(base[0]) + chance
+
+
+def seen(model: PixelModel) -> Floats:
+    """Return what a model shows; dark current and stray light add up in the pixel."""
+    dark = sum(e.mean_fa for e in model.effects if isinstance(e, DarkCurrent))
+    stray = sum(e.illuminance_lux for e in model.effects if isinstance(e, StrayLight))
+    leak = sum(e.rate_per_s for e in model.effects if isinstance(e, Leak))
+    more = dark + STRAY_IN_FA * stray
+    return np.asarray(20.0 * more / (more + 5.0) * DARK + 40.0 * leak * LEAK)
+
+
+def found(effect: Any) -> Found:
+    """Return a fitted model with an effect."""
+    slots = (Slot(base_parameters(refractory_known=True)[0]), Slot(free_of(type(effect))[0]))
+    columns = np.column_stack([BASE, DARK])
+    fit = Fit(
+        model=PixelModel() + effect, slots=slots, x=np.zeros(2), start=np.zeros(2), value=np.zeros(N),
+        ratio=np.zeros(N), roots=(np.eye(N),), deviation=np.ones(N), jacobian=np.stack([columns, columns]), scale=1.0,
+        residual=np.zeros(N),
+    )  # fmt: skip
+    return Found(effect.id, fit, float(N))
+
+
+PROBLEM: Any = FakeProblem()
+
+
+def test_an_effect_that_can_do_the_same_is_not_told_apart() -> None:
+    dark = found(DarkCurrent(2.0))
+    short_of_it = found(StrayLight(1.0 / STRAY_IN_FA))
+    assert separation(PROBLEM, dark, short_of_it, seed=1) > 10.0  # that fit has stopped halfway
+    assert closest(PROBLEM, dark, StrayLight, seed=1) < 2.0
+
+
+def test_another_effect_is_told_apart_in_any_size() -> None:
+    # No leak at all comes closest, and leaves all that the dark current does, but for the base number's share.
+    left = float(np.linalg.norm(20.0 * 2.0 / 7.0 * DARK))
+    assert closest(PROBLEM, found(DarkCurrent(2.0)), Leak, seed=1) == pytest.approx(left, rel=0.1)

@@ -1,0 +1,96 @@
+"""Who wins a race of effects, and who is left behind: the losses are written down by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis import race as module
+from bench.diagnosis.approach import Approach
+from bench.diagnosis.cloud import Cloud
+from bench.diagnosis.parameters import Free
+from bench.diagnosis.problem import Slot
+from bench.diagnosis.race import race
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects import DarkCurrent, Leak, StrayLight
+
+STATISTICS = 100
+
+
+@dataclass(frozen=True)
+class Measured:
+    value: Any
+
+
+@dataclass(frozen=True)
+class FakeProblem:
+    measured: Measured = Measured(np.zeros(STATISTICS))
+
+
+def entrant(effect: Any, number: str, size: float) -> Approach:
+    """Return a model of one base number, whose true value is 1, and of an effect."""
+    slots = (
+        Slot(Free("base", "base", "base", "1", "linear", -10.0, 10.0, 1.0, effect=False)),
+        Slot(Free(effect.id, number, number, "1", "linear", 0.0, 1e3, size)),
+    )
+    at = np.array([0.0, size])
+    return Approach(PixelModel() + effect, slots, at, at, np.inf, 1, np.zeros((2, 2)), 0.2, Cloud())
+
+
+@pytest.fixture
+def walks(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Any]]:
+    """Losses by hand: ways end at the minimum of their effect; what is looked at costs by its distance."""
+    least = {"dark_current": 90.0, "stray_light": 95.0, "leak": 9000.0}
+    best_size = {"dark_current": 3.0, "stray_light": 0.05, "leak": 0.1}
+    done: dict[str, list[Any]] = {"along": [], "further": [], "looks": []}
+
+    def effect_of(way: Approach) -> str:
+        return way.model.effects[-1].id
+
+    def loss(way: Approach, at: Any) -> float:
+        name = effect_of(way)
+        return float(least[name] + 1e4 * (at[0] - 1.0) ** 2 + 1e4 * (at[1] / best_size[name] - 1.0) ** 2)
+
+    def along(_: Any, way: Approach, *__: Any, **___: Any) -> Approach:
+        done["along"].append(effect_of(way))
+        at = np.array([1.0, best_size[effect_of(way)]])
+        return replace(way, at=at, loss=loss(way, at))
+
+    def scanned(_: Any, way: Approach, places: Any) -> Approach:
+        done["looks"] += [effect_of(way)] * len(places)
+        at = min(places, key=lambda place: loss(way, place))
+        return replace(way, at=at, loss=loss(way, at))
+
+    def further(_: Any, way: Approach, __: int) -> Approach:
+        done["further"].append(effect_of(way))
+        return way
+
+    monkeypatch.setattr(module, "_along", along)
+    monkeypatch.setattr(module, "scanned", scanned)
+    monkeypatch.setattr(module, "further", further)
+    return done
+
+
+DARK = entrant(DarkCurrent(3.0), "mean_fa", 2.0)
+STRAY = entrant(StrayLight(0.05), "illuminance_lux", 0.04)
+LEAK = entrant(Leak(0.1), "rate_per_s", 0.3)
+
+
+def test_once_one_explains_the_run_the_others_have_to_do_as_well(walks: dict[str, list[Any]]) -> None:
+    found = race(FakeProblem(), [DARK, LEAK, STRAY])  # type: ignore[arg-type]
+    assert [way and way.loss for way in found] == [90.0, None, 95.0]
+    # The leak was only looked at; stray light goes on from the base numbers of the dark current.
+    assert walks["along"] == ["dark_current", "stray_light"]
+    assert walks["looks"].count("leak") == 14
+    assert walks["further"] == ["dark_current", "stray_light"]
+
+
+def test_those_before_the_best_are_tried_with_its_numbers(walks: dict[str, list[Any]]) -> None:
+    found = race(FakeProblem(), [LEAK, DARK])  # type: ignore[arg-type]
+    assert [way and way.loss for way in found] == [None, 90.0]
+    assert walks["along"] == ["leak", "dark_current"]  # nothing was known that explains the run
+    assert walks["looks"] == ["leak"] * 14
+    assert walks["further"] == ["dark_current"]

@@ -1,0 +1,93 @@
+"""Gross effects are probed at the size that they promise: there some do nothing."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis import probing, sizing
+from bench.diagnosis.catalogue import switches
+from bench.diagnosis.explaining import explain
+from bench.diagnosis.fitted import Fit
+from bench.diagnosis.parameters import base_parameters
+from bench.diagnosis.probing import Probe, well_sized
+from bench.diagnosis.problem import Slot
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects.registry import effects
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from sim_backend.pixel.effects.base import Effect
+
+    Floats = npt.NDArray[np.float64]
+
+N = 200
+RNG = np.random.default_rng(5)
+LEAK, CROSSTALK = effects()["leak"], effects()["crosstalk"]
+DIRECTION = 10.0 * np.ones(N)
+PROBLEM: Any = SimpleNamespace(measured=SimpleNamespace(points=(slice(0, N),)))
+
+
+def fit_with(residual: Floats) -> Fit:
+    """Return a fit with one free number that does something else, and this residual of unit variance."""
+    free = base_parameters(refractory_known=True)[:1]
+    other = RNG.standard_normal((N, 1))
+    return Fit(
+        model=PixelModel(), slots=tuple(Slot(f) for f in free), x=np.zeros(1), start=np.zeros(1), value=np.zeros(N),
+        ratio=np.zeros(N), roots=(np.eye(N),), deviation=np.ones(N), jacobian=np.stack([other, other]), scale=1.0,
+        residual=residual,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, float]]:
+    """Effects by hand: a leak does the more the larger it is, crosstalk nothing below half of the usual size."""
+    calls: list[tuple[str, float]] = []
+
+    def done(effect: type[Effect], factor: float) -> Floats:
+        return np.asarray(DIRECTION * (factor if effect is LEAK else 1.1 * factor * (factor > 0.5)))
+
+    def probes_at(
+        _: Any, __: Any, wanted: Sequence[tuple[type[Effect], Sequence[Sequence[float]]]], *___: Any
+    ) -> list[list[Probe]]:
+        found = []
+        for effect, sizes in wanted:
+            calls.append((effect.id, sizes[0][0]))
+            (free,) = switches(effect)
+            change = np.stack([done(effect, sizes[0][0])[:, None]] * 2)
+            found.append([Probe(effect, (free,), (free.coordinate(free.probe) * sizes[0][0],), change)])
+        return found
+
+    monkeypatch.setattr(probing, "probes_at", probes_at)
+    monkeypatch.setattr(sizing, "probes_at", probes_at)
+    return calls
+
+
+def test_what_does_nothing_in_the_size_that_it_promises_is_found_out(asked: list[tuple[str, float]]) -> None:
+    fit = fit_with(0.25 * DIRECTION)
+    leak, crosstalk = sizing.probe(PROBLEM, fit, [LEAK, CROSSTALK], 1, True, {})
+    columns, residual = fit.jacobian[0], fit.residual
+    # From afar both promise all of it, at a quarter and a little less of the usual size.
+    assert {("leak", 1.0), ("crosstalk", 1.0)} <= set(asked)
+    assert explain(fit, columns, residual, leak)[1][0] == pytest.approx(0.25 * switches(LEAK)[0].probe, rel=0.01)
+    # It is to be seen: by 25 standard errors, of 5 at the most in each statistic.
+    assert leak.at[0] == pytest.approx(25.0 / (5.0 * np.sqrt(N)) * switches(LEAK)[0].probe, rel=0.01)
+    assert np.all(crosstalk.change == 0.0)
+
+
+def test_a_probe_is_tried_until_it_is_of_the_wanted_size(asked: list[tuple[str, float]]) -> None:
+    """A quarter moves each of 200 statistics by 2.5: 35 standard errors in all, of which 25 are wanted."""
+    known: dict[tuple[str, str], float] = {}
+    well_sized(PROBLEM, fit_with(np.zeros(N)), [LEAK], 1, 0.1, known)
+    assert asked == [("leak", 0.25)]
+    assert known[("leak", "rate_per_s")] == pytest.approx(10.0 * np.sqrt(N))
+    # What was found out is known the next time.
+    well_sized(PROBLEM, fit_with(np.zeros(N)), [LEAK], 1, 0.1, known)
+    assert asked[1][1] == pytest.approx(25.0 / (10.0 * np.sqrt(N)))
+    assert len(asked) == 2
