@@ -81,9 +81,7 @@ def well_sized(
     found: dict[str, Probe] = {}
     left = {e: sizes_for(problem, fit, e, seen) for e in effects}
     for _ in range(_TRIALS):
-        probes = [
-            several[0] for several in probes_at(problem, fit, [(e, [f]) for e, f in left.items()], seed, effort)
-        ]
+        probes = probes_at(problem, fit, list(left.items()), seed, effort)
         again = {}
         for one, (effect, sizes) in zip(probes, left.items(), strict=True):
             found[effect.id] = one
@@ -126,29 +124,26 @@ def sizes_for(
 
 
 def probes_at(
-    problem: Problem, fit: Fit, wanted: Sequence[tuple[type[Effect], Sequence[Sequence[float]]]], seed: int,
-    effort: float,
-) -> list[list[Probe]]:  # fmt: skip
-    """Return the probes of effects, each at some sizes of its numbers beside those of the catalogue."""
+    problem: Problem, fit: Fit, wanted: Sequence[tuple[type[Effect], Sequence[float]]], seed: int, effort: float
+) -> list[Probe]:  # fmt: skip
+    """Return the probes of effects, each at a size of its numbers beside those of the catalogue."""
     base = problem.models(fit.model, fit.slots, fit.x)
-    places: list[tuple[int, tuple[float, ...]]] = []
+    places = []
     models = []
-    for number, (effect, sizes) in enumerate(wanted):
-        for factors in sizes:
-            at = tuple(_coordinate(f, factor) for f, factor in zip(switches(effect), factors, strict=True))
-            places.append((number, at))
-            for free, coordinate in zip(switches(effect), at, strict=True):
-                off = {f.name: _null(effect, f) for f in switches(effect) if f is not free}
-                values = {**off, free.name: free.value(coordinate)}
-                one = probe_of(effect, values, problem.given.get(effect.id))
-                models.append([m + one for m in base])
+    for effect, factors in wanted:
+        at = tuple(_coordinate(f, factor) for f, factor in zip(switches(effect), factors, strict=True))
+        places.append(at)
+        for free, coordinate in zip(switches(effect), at, strict=True):
+            off = {f.name: _null(effect, f) for f in switches(effect) if f is not free}
+            values = {**off, free.name: free.value(coordinate)}
+            one = probe_of(effect, values, problem.given.get(effect.id))
+            models.append([m + one for m in base])
     changes = (reliable(problem, fit, both) for both in problem.changes(base, models, seed, effort))
-    found: list[list[Probe]] = [[] for _ in wanted]
-    for number, at in places:
+    found = []
+    for (effect, _), at in zip(wanted, places, strict=True):
         columns = np.stack([next(changes) for _ in at], axis=2)
         whitened = np.stack([fit.whiten(half, problem.measured.points) for half in columns])
-        effect = wanted[number][0]
-        found[number].append(Probe(effect, switches(effect), at, whitened))
+        found.append(Probe(effect, switches(effect), at, whitened))
     return found
 
 
@@ -159,8 +154,8 @@ def closer(
     wanted = []
     for one, change in zip(probes, factors, strict=True):
         usual = [free.coordinate(free.probe) for free in one.free]
-        wanted.append((one.effect, [tuple(np.asarray(one.at) / usual * change)]))
-    return [several[0] for several in probes_at(problem, fit, wanted, seed, effort)]
+        wanted.append((one.effect, tuple(np.asarray(one.at) / usual * change)))
+    return probes_at(problem, fit, wanted, seed, effort)
 
 
 def reliable(problem: Problem, fit: Fit, both: Floats) -> Floats:

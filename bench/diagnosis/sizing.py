@@ -69,8 +69,8 @@ def probe(
 
 def _of_gross(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int) -> list[Probe]:
     """Return a probe of each effect, of the catalogue's size; of the size that is expected if it promises much."""
-    wanted = [(e, [(1.0,) * len(switches(e))]) for e in effects]
-    found = [several[0] for several in probes_at(problem, fit, wanted, seed, _FAR_EFFORT)]
+    wanted = [(e, (1.0,) * len(switches(e))) for e in effects]
+    found = probes_at(problem, fit, wanted, seed, _FAR_EFFORT)
     for _ in range(_ROUNDS):
         shares, falls = _expected(problem, fit, found)
         factors = {int(i): _other_size(found[i], shares[i]) for i in np.argsort(falls)[-_PROMISING:]}

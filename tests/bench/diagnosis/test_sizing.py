@@ -53,15 +53,13 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, float]]:
     def done(effect: type[Effect], factor: float) -> Floats:
         return np.asarray(DIRECTION * (factor if effect is LEAK else 1.1 * factor * (factor > 0.5)))
 
-    def probes_at(
-        _: Any, __: Any, wanted: Sequence[tuple[type[Effect], Sequence[Sequence[float]]]], *___: Any
-    ) -> list[list[Probe]]:
+    def probes_at(_: Any, __: Any, wanted: Sequence[tuple[type[Effect], Sequence[float]]], *___: Any) -> list[Probe]:
         found = []
         for effect, sizes in wanted:
-            calls.append((effect.id, sizes[0][0]))
+            calls.append((effect.id, sizes[0]))
             (free,) = switches(effect)
-            change = np.stack([done(effect, sizes[0][0])[:, None]] * 2)
-            found.append([Probe(effect, (free,), (free.coordinate(free.probe) * sizes[0][0],), change)])
+            change = np.stack([done(effect, sizes[0])[:, None]] * 2)
+            found.append(Probe(effect, (free,), (free.coordinate(free.probe) * sizes[0],), change))
         return found
 
     monkeypatch.setattr(probing, "probes_at", probes_at)
