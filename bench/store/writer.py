@@ -85,8 +85,7 @@ class RunWriter:
             self._journal.truncate(whole)
             self._journal.seek(whole)
             self._done = set(last_done(read_journal(path)))
-            for part in (self.folder / layout.POINTS_FOLDER).glob(f"*{layout.PART_SUFFIX}"):
-                part.unlink()
+            self._remove_halves()
         except BlockingIOError:
             self.close()
             raise RunError(f"{self.folder}: another process is writing this run") from None
@@ -102,7 +101,12 @@ class RunWriter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the journal."""
+        """Remove half-written points, and close the journal.
+
+        A writer of a point removes its own; not so where an interrupt came before anybody had that writer in hand.
+        """
+        with contextlib.suppress(OSError):
+            self._remove_halves()
         self.close()
 
     def close(self) -> None:
@@ -220,6 +224,10 @@ class RunWriter:
     def is_done(self, index: int) -> bool:
         """Return whether the point `index` has its ``done`` line."""
         return index in self._done
+
+    def _remove_halves(self) -> None:
+        for part in (self.folder / layout.POINTS_FOLDER).glob(f"*{layout.PART_SUFFIX}"):
+            part.unlink()
 
     def _make_folder(self) -> None:
         if self.folder.exists():

@@ -229,6 +229,16 @@ def test_an_interrupt_inside_hdf5_comes_after_the_call(tmp_path: Path, monkeypat
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_an_interrupt_before_anybody_has_the_writer_of_a_point_leaves_nothing(tmp_path: Path) -> None:
+    """Ctrl-C between the making of that writer and the `with` that would end it: the run clears up after it."""
+    with pytest.raises(KeyboardInterrupt), RunWriter(tmp_path / "a", HEADER) as writer:  # noqa: PT012 - as in a run
+        lost = writer.point(0)
+        assert lost.part.exists()
+        raise KeyboardInterrupt
+    assert list((tmp_path / "a" / "points").iterdir()) == []
+    lost.abandon()  # what is left of it can go at any time
+
+
 def test_signals_are_held_back_and_handlers_put_back() -> None:
     before = signal.getsignal(signal.SIGTERM)
     got: list[int] = []
