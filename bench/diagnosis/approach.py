@@ -26,9 +26,10 @@ if TYPE_CHECKING:
     from bench.diagnosis.residuals import Expectation
     from sim_backend.pixel.model import PixelModel
 
+    Bools = npt.NDArray[np.bool_]
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Approach", "approach", "further", "scanned"]
+__all__ = ["Approach", "approach", "further", "known_beforehand", "scanned"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -66,7 +67,7 @@ _WITHIN: Final = 0.5
 _BESIDE: Final = 4
 #: Chance makes slopes look steeper, and steps shorter, than they are: shares of it that are taken off.
 _SHARES: Final = (1.0, 0.3, 0.0)
-#: Numbers are known beforehand when their precision is more than this: on the way they would but stand in for others.
+#: Numbers are known beforehand when their precision is more than this.
 _KNOWN: Final = 25.0
 _AS_GOOD_AS_NONE: Final = 1e-9
 #: They are looked around in within so many standard deviations.
@@ -121,6 +122,11 @@ def approach(
         if way.step() or (number >= _SOME and way.loss > _HOPELESS * beat):
             break
     return way.end()
+
+
+def known_beforehand(slots: Sequence[Slot]) -> Bools:
+    """(k,) which numbers are known so well that on the way to a minimum they would but stand in for others."""
+    return np.asarray(prior_precision(slots) > _KNOWN)
 
 
 def further(problem: Problem, near: Approach, iterations: int) -> Approach:
@@ -253,13 +259,13 @@ class _Way:
     def _around(self, at: Floats, count: int) -> list[Floats]:
         """Return places around one; numbers that are held are tried, too: what they do must be known."""
         scale = np.where(self._offset, 0.0, longest_of(self._slots, at))
-        known = self._precision > _KNOWN
+        known = known_beforehand(self._slots)
         scale[known] = np.minimum(scale[known], _OF_KNOWN / np.sqrt(self._precision[known]))
         return around(at, scale, _WITHIN * self._reach / math.sqrt(len(at)), count, self._rng)
 
     def _longest(self, at: Floats) -> Floats:
         longest = longest_of(self._slots, at)
-        held = (self._precision > _KNOWN) & (~self._offset | bool(self._wrong))
+        held = known_beforehand(self._slots) & (~self._offset | bool(self._wrong))
         return np.where(held, _AS_GOOD_AS_NONE * longest, longest)
 
     def _judge(self) -> None:

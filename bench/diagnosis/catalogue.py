@@ -24,7 +24,7 @@ __all__ = [
     "candidates",
     "cost_of",
     "free_of",
-    "needs_array",
+    "least_share",
     "probe_of",
     "switches",
 ]
@@ -110,9 +110,14 @@ def cost_of(model: PixelModel) -> float:
     return max((_COST.get(e.id, 1.0 if e.id in _FITTED else _COST_OF_A_USER) for e in model.effects), default=1.0)
 
 
-def needs_array(model: PixelModel) -> bool:
-    """Return whether the model shows in what pixels do to each other: a part of the pixels does not tell it."""
-    return any(e.id in _OF_ARRAY or e.id not in _FITTED for e in model.effects)
+def least_share(model: PixelModel) -> float:
+    """Return the part of the pixels that tells a model at the least.
+
+    It is all of them where the model shows in what pixels do to each other, and many where it is in few pixels.
+    """
+    if any(e.id in _OF_ARRAY or e.id not in _FITTED for e in model.effects):
+        return 1.0
+    return _MANY if any(e.id in _OF_FEW for e in model.effects) else 0.0
 
 
 #: Light, or a level, that never rests; and what has a memory of its own: together they go sample by sample, which is
@@ -127,6 +132,9 @@ def _takes_hours(one: str, other: str) -> bool:
 
 #: Effects that couple pixels; of a user's effect it is not known.
 _OF_ARRAY: Final = frozenset({"crosstalk", "readout_saturation", "event_rate_limit"})
+#: Few pixels have it: among less than a quarter of them there may be none.
+_OF_FEW: Final = frozenset({"hot_pixels"})
+_MANY: Final = 0.25
 
 
 def free_of(effect: type[Effect]) -> tuple[Free, ...]:
@@ -166,8 +174,15 @@ def switches(effect: type[Effect]) -> tuple[Free, ...]:
 def probe_of(
     effect: type[Effect], at: Mapping[str, float] | None = None, given: Mapping[str, float] | None = None
 ) -> Effect:
-    """Return the effect at the values at which it can be seen, or `at` others; what is `given` is not fitted."""
-    return effect(**{**(given or {}), **{f.name: (at or {}).get(f.name, f.probe) for f in free_of(effect)}})
+    """Return the effect at the values at which it can be seen, or `at` others.
+
+    Parameters
+    ----------
+    given
+        What the data show by eye: numbers that are not fitted, and where to look for those that shape it.
+    """
+    usual = {f.name: f.probe for f in free_of(effect)}
+    return effect(**{**usual, **(given or {}), **(at or {})})
 
 
 def candidates(

@@ -257,7 +257,9 @@ class Diagnosis:
         return _State(fitted, self._scores(fitted, probes), added, fall)
 
     def _scores(self, fitted: Fit, probes: Sequence[Probe]) -> Scores:
-        """Return what probes say; what may be how time is cut into samples is no sign of anything else."""
+        """Return what probes say; near the minimum what may be how time is cut is no sign of anything else."""
+        if self._far_off(fitted):
+            return score(self.problem, fitted, probes, self._seed, far_off=True)
         scores = score(self.problem, fitted, probes, self._seed)
         fine = [p for i, p in enumerate(probes) if scores.p_best[i] < ALPHA and not self._can_judge(scores, i)]
         if not fine:

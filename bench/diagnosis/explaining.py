@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -18,14 +18,22 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["BEYOND", "explain"]
+__all__ = ["BEYOND", "Explained", "explain"]
 
 #: A probe says something about effects up to so many times its size.
 BEYOND: Final = 2.0
 
 
-def explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> tuple[Floats, Floats, float]:
-    """Return the expected changes of the free numbers, coordinates of the effect, and fall of the loss.
+class Explained(NamedTuple):
+    """What is expected of a fit with an effect more."""
+
+    base: Floats  #: (b,) change of the free numbers
+    size: Floats  #: (k,) coordinates of the effect
+    fall: float  #: of the loss
+
+
+def explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> Explained:
+    """Return what is expected with an effect more.
 
     Parameters
     ----------
@@ -40,7 +48,6 @@ def explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> t
     low, high = (np.array([s.free.range[end] for s in fit.slots]) for end in (0, 1))
     lowest, highest = np.maximum(low - fit.x, -longest), np.minimum(high - fit.x, longest)
     precision, towards = prior_precision(fit.slots), fit.start - fit.x
-    k = len(longest)
     if one is not None:
         m = len(one.free)
         columns = np.concatenate([columns, one.change.mean(axis=0)], axis=1)
@@ -49,5 +56,5 @@ def explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> t
         highest = np.append(highest, np.full(m, BEYOND))
         precision, towards = np.append(precision, np.zeros(m)), np.append(towards, np.zeros(m))
     c, fall = robust.solve(columns, residual, precision, towards, lowest, highest)
-    at = np.array(one.at if one is not None else ())
-    return c[:k], c[k:] * at, fall
+    k, at = len(longest), np.array(one.at if one is not None else ())
+    return Explained(c[:k], c[k:] * at, fall)

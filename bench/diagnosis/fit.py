@@ -79,7 +79,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
     close = near.loss < _HOPELESS * len(problem.measured.labels)
     ways = _directions(near)
     samples = samples_around(problem, model, slots, at, seed + 1, ways, _SHARP if close else _BLUNT)
-    fine = _FINE * math.sqrt(cost_of(model))
+    fine = _FINE * (math.sqrt(cost_of(model)) if close else 1.0)
     simulated = problem.simulate([problem.models(model, slots, at)], seed, fine)[0]
     samples.append(sample_of(problem, at, simulated))
     here = shifted(problem, problem.expect(simulated), slots, at)
@@ -112,7 +112,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
     last, value = _last_step(problem, here, jacobian, slots, at, start, _LAST if close else _SHORTEST)
     models = problem.models(model, slots, last)
     found = Fit(
-        model=models[0],
+        model=problem.of_settings(model, slots, last)[0],
         slots=slots,
         x=last,
         start=start,

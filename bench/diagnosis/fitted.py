@@ -26,6 +26,10 @@ __all__ = ["Fit", "live", "prior_precision", "solve", "whiten"]
 _KNOWN: Final = 1e5
 #: A smaller variance is that of a number of which nothing is known.
 _NONE: Final = 1e-100
+#: Of a direction with less information, beside that of its coordinates by themselves, nothing is known; and neither
+#: of the coordinates that have such a part in it.
+_NO_DIRECTION: Final = 1e-9
+_PART_OF: Final = 1e-3
 #: Combinations of statistics that hardly vary are left out: their rows are zero.
 _LIVE: Final = 1e-5
 
@@ -69,15 +73,19 @@ class Fit:
         return np.asarray(whiten(self.roots, values, points) / math.sqrt(self.caution))
 
     def covariance(self, points: Sequence[slice]) -> Floats:
-        """(k, k) covariance of the coordinates."""
+        """(k, k) covariance of the coordinates; the variance of one of which nothing is known is infinite."""
         first, second = (self.whiten(j, points) for j in self.jacobian)
-        information = robust.positive(first.T @ second) + np.diag(prior_precision(self.slots))
-        found = np.asarray(np.linalg.pinv(information), np.float64)
+        changes, chance = 0.5 * (first + second), 0.5 * (first - second)
+        seen = robust.without(changes.T @ changes, chance.T @ chance)
+        information = seen + np.diag(prior_precision(self.slots))
+        found, unknown = _inverse(information)
         if self.frozen is not None:
             found = found + np.diag(self.frozen)
         own = np.maximum(np.diag(found), _NONE)
         wider = np.sqrt(np.where(own > _NONE, np.maximum(self._between_points(points) / own, 1.0), 1.0))
-        return np.asarray(found * np.outer(wider, wider))
+        found = found * np.outer(wider, wider)
+        found[unknown, unknown] = math.inf
+        return np.asarray(found)
 
     def _between_points(self, points: Sequence[slice]) -> Floats:
         """(k,) variance of the coordinates as it shows when each point in turn is left out (jackknife).
@@ -93,6 +101,16 @@ class Fit:
         moved = np.stack([np.linalg.lstsq(left - a, right - b, rcond=1e-10)[0] for a, b in parts])
         n = len(moved)
         return np.asarray((n - 1.0) * moved.var(axis=0))
+
+
+def _inverse(information: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return the covariance (k, k), and of which coordinates (k,) nothing is known, whatever their units."""
+    scale = np.sqrt(np.diag(information))
+    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    kept = values > _NO_DIRECTION
+    found = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T * np.outer(unit, unit)
+    return found, np.sum(vectors[:, ~kept] ** 2, axis=1) > _PART_OF
 
 
 def whiten(roots: Sequence[Floats], values: Floats, points: Sequence[slice]) -> Floats:

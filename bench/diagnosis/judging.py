@@ -118,7 +118,8 @@ def values_of(problem: Problem, one: Fit) -> dict[str, Value]:
     sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
     found = {}
     for slot, x, s in zip(one.slots, one.x, sd, strict=True):
-        ends = sorted((slot.free.value(x - _NINETY * s), slot.free.value(x + _NINETY * s)))
+        outer = np.clip([x - _NINETY * s, x + _NINETY * s], *slot.free.range)
+        ends = sorted(slot.free.value(float(end)) for end in outer)
         found[slot.key(problem.settings)] = Value(slot.free.value(x), ends[0], ends[1], slot.free.unit)
     return found
 

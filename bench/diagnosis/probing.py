@@ -137,7 +137,7 @@ def probes_at(
             off = {f.name: _null(effect, f) for f in switches(effect) if f is not free}
             values = {**off, free.name: free.value(coordinate)}
             one = probe_of(effect, values, problem.given.get(effect.id))
-            models.append([m + one for m in base])
+            models.append(problem.of_points([m + one for m in base]))
     changes = (reliable(problem, fit, both) for both in problem.changes(base, models, seed, effort))
     found = []
     for (effect, _), at in zip(wanted, places, strict=True):

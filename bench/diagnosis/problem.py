@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import cost_of, free_of, needs_array
+from bench.diagnosis.catalogue import cost_of, free_of, least_share
+from bench.diagnosis.outlying import outlying_rate_hz
 from bench.diagnosis.parameters import ALIGNMENT, Free, base_parameters, put, time_offset
+from bench.diagnosis.phases import with_phases
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import Measured, expectation, measured
-from bench.diagnosis.ripple import ripple_hz
 from bench.diagnosis.same_law import representatives
 from bench.diagnosis.start import Guess, guess
 from bench.diagnosis.summary import add, summarise
@@ -78,6 +79,18 @@ def _blurred(labels: Sequence[Label], ratio: Floats, blur_s: float) -> tuple[Lab
     return tuple(found)
 
 
+def _by_eye(points: Sequence[PointData]) -> dict[str, dict[str, float]]:
+    """Return numbers of effects that show without a model."""
+    found = {}
+    ripples = [float(p.attributes["ripple_hz"]) for p in points if "ripple_hz" in p.attributes]
+    if ripples:
+        found["light_flicker"] = {"frequency_hz": ripples[0]}
+    outlying = outlying_rate_hz(points)
+    if outlying is not None:
+        found["hot_pixels"] = {"rate_hz": outlying}
+    return found
+
+
 @dataclass(frozen=True)
 class Problem:
     """What is to be explained, and how a model is laid beside it."""
@@ -87,7 +100,8 @@ class Problem:
     measured: Measured
     setting: tuple[int, ...]  #: of each point
     timing_sd_s: float  #: how well the events' times are known beside those of the stimulus
-    given: Mapping[str, Mapping[str, float]]  #: of effects: numbers that are not fitted, and can be seen
+    given: Mapping[str, Mapping[str, float]]  #: of effects: numbers that can be seen by eye
+    phases: tuple[float | None, ...] = ()  #: of a ripple in each recording, as far as they are known
 
     @classmethod
     def of(cls, points: Sequence[PointData], forward: Forward, blur_s: float = 0.0) -> Problem:
@@ -95,6 +109,8 @@ class Problem:
 
         Parameters
         ----------
+        points
+            With the ripple of the run, if one was seen: see :func:`~bench.diagnosis.ripple.with_ripple`.
         blur_s
             How differently the sensor and the simulation may cut time, s: latencies are compared no finer.
         """
@@ -102,10 +118,8 @@ class Problem:
         found = measured(seen)
         if blur_s > 0.0:
             found = replace(found, labels=_blurred(found.labels, found.ratio, blur_s))
-        ripple = ripple_hz(points)
-        given = {} if ripple is None else {"light_flicker": {"frequency_hz": ripple}}
         timing_s = max(forward.dt_s, _TIMING_S)
-        return cls(tuple(points), forward, found, tuple(settings_of(points)), timing_s, given)
+        return cls(tuple(points), forward, found, tuple(settings_of(points)), timing_s, _by_eye(points))
 
     @property
     def settings(self) -> int:
@@ -127,11 +141,20 @@ class Problem:
 
     def models(self, model: PixelModel, slots: Sequence[Slot], x: Sequence[float] | Floats) -> list[PixelModel]:
         """Return the model of each point."""
+        by_setting = self.of_settings(model, slots, x)
+        return self.of_points([by_setting[s] for s in self.setting])
+
+    def of_settings(self, model: PixelModel, slots: Sequence[Slot], x: Sequence[float] | Floats) -> list[PixelModel]:
+        """Return the model at each setting of the camera."""
         by_setting = []
         for setting in range(self.settings):
             mine = [(s.free, c) for s, c in zip(slots, x, strict=True) if s.setting in (None, setting)]
             by_setting.append(put(model, [f for f, _ in mine], [c for _, c in mine]))
-        return [by_setting[s] for s in self.setting]
+        return by_setting
+
+    def of_points(self, models: Sequence[PixelModel]) -> list[PixelModel]:
+        """Return the models of all points, with what differs from recording to recording and is known."""
+        return with_phases(models, self.phases) if self.phases else list(models)
 
     def cost(self, models: Sequence[PixelModel]) -> float:
         """Return the time of a simulated run beside that of a base pixel to which all points are different."""
@@ -154,7 +177,7 @@ class Problem:
         found: list[list[Sensor]] = [[] for _ in models]
         for number in sorted(set(sensors)):
             mine = [i for i, s in enumerate(sensors) if s == number]
-            shares = [1.0 if needs_array(models[i][0]) else min(amounts[i] / number, 1.0) for i in mine]
+            shares = [min(max(amounts[i] / number, least_share(models[i][0])), 1.0) for i in mine]
             for i, seen in zip(mine, self.forward.run([models[i] for i in mine], seed, number, shares), strict=True):
                 found[i] = seen
         return found
@@ -162,7 +185,7 @@ class Problem:
     def glance(self, models: Sequence[Sequence[PixelModel]], seed: int, effort: float) -> list[list[Sensor]]:
         """Return what one simulated sensor of each model shows, of as many pixels as the effort allows."""
         amounts = [min(max(effort / self.cost(m), _LEAST), 1.0) for m in models]
-        shares = [1.0 if needs_array(m[0]) else a for m, a in zip(models, amounts, strict=True)]
+        shares = [max(a, least_share(m[0])) for m, a in zip(models, amounts, strict=True)]
         return self.forward.run(models, seed, 1, shares)
 
     def expect(self, sensors: Sequence[Sensor]) -> Expectation:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.approach import Approach, approach, further, scanned
+from bench.diagnosis.approach import Approach, approach, further, known_beforehand, scanned
 from bench.diagnosis.catalogue import free_of, probe_of, switches
 from bench.diagnosis.cloud import Cloud
 from bench.diagnosis.problem import Slot
@@ -51,10 +51,11 @@ _EARLY_RIVALS: Final = (3.0, 100.0)
 def entrant(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_off: bool) -> Approach:
     """Return the model with candidate `i` more, at the numbers that the screen expects; nothing is looked at yet.
 
-    Where the model was far off these are other base numbers, too.
+    Where the model was far off these are other base numbers, too; what is known beforehand is what it is known to be.
     """
     one = scores.probes[i]
     coordinates, values = [], {}
+    given = problem.given.get(one.effect.id, {})
     shapes = [f for f in free_of(one.effect) if f not in one.free]
     for free, at, expected in zip(one.free, one.at, scores.size[i], strict=True):
         # From null itself no fit finds its way when the number has one sign only.
@@ -62,11 +63,12 @@ def entrant(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_
         coordinates.append(float(start))
         values[free.name] = free.value(float(start))
     for free in shapes:
-        coordinates.append(free.coordinate(free.probe))
-        values[free.name] = free.probe
-    place = np.array([*(here.x + (scores.base[i] if far_off else 0.0)), *coordinates])
+        values[free.name] = given.get(free.name, free.probe)
+        coordinates.append(free.coordinate(values[free.name]))
+    elsewhere = np.where(known_beforehand(here.slots), here.start, here.x + scores.base[i])
+    place = np.array([*(elsewhere if far_off else here.x), *coordinates])
     return Approach(
-        model=here.model + probe_of(one.effect, values, problem.given.get(one.effect.id)),
+        model=here.model + probe_of(one.effect, values, given),
         slots=(*here.slots, *(Slot(f) for f in (*one.free, *shapes))),
         at=place,
         start=np.array([*here.start, *coordinates]),
@@ -137,7 +139,9 @@ def _beside(problem: Problem, one: Approach, best: Approach) -> Approach:
 
     What comes near to the best goes on from there.
     """
-    added = one.model.effects[-1]
+    added = one.model.effect(one.slots[-1].free.owner)
+    if added is None:
+        raise ValueError(f"no effect {one.slots[-1].free.owner} in the model of an entrant")
     names = {f.name for f in switches(type(added))}
     own = [slot.free.owner == added.id for slot in one.slots]
     mine = [i for i, slot in enumerate(one.slots) if own[i] and slot.free.name in names]

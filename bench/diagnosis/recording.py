@@ -10,6 +10,7 @@ import numpy as np
 
 from bench.analysis.tally import active_pixels, observed_s, outside_gaps
 from bench.analysis.windows import test_windows, window_of
+from bench.diagnosis.ripple import locked
 from bench.models.simulation import recorded_light
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.analysis.windows import TestGroup, TestWindows
+    from bench.diagnosis.ripple import Lock
     from bench.diagnosis.views.base import Statistic, View
     from bench.store.data import PointData
     from sim_backend.pixel.light import LightHistory
@@ -50,6 +52,12 @@ class Frame:
     def light(self) -> LightHistory:
         """The light of the point."""
         return recorded_light(self.point)
+
+    @cached_property
+    def lock(self) -> Lock | None:
+        """How events go with the ripple of the run, if there is one."""
+        found = self.point.attributes.get("ripple_hz")
+        return None if found is None else locked(self.point, float(found))
 
     @property
     def constant(self) -> bool:

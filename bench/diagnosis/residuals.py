@@ -30,6 +30,8 @@ _ANSCOMBE: Final = 0.375
 _LEAST_VARIANCE: Final = 0.6
 #: A mean over fewer events than this says nothing.
 _FEWEST_EVENTS: Final = 12.0
+#: and nothing is known of how it scatters where it comes from fewer clusters.
+_FEWEST_CLUSTERS: Final = 3.0
 #: Correlations between the statistics of a point are taken to be this much weaker than they were found.
 _SHRINK: Final = 0.9
 _NOTHING: Final = 1e12
@@ -47,6 +49,7 @@ class Measured:
     bottom: Floats  #: (n,) trials, seconds, or events
     value: Floats  #: (n,) transformed
     variance: Floats  #: (n,) of the ratio, from the scatter between the clusters of the run
+    clusters: Floats  #: (n,) of the run, of equal weight
 
     @cached_property
     def kinds(self) -> Kinds:
@@ -137,9 +140,10 @@ def measured(summaries: Sequence[Summary], labels: Sequence[Label] | None = None
     bottom = np.concatenate([s.bottom for s in summaries]) if summaries else np.empty(0)
     ratio = np.concatenate([s.ratio for s in summaries]) if summaries else np.empty(0)
     variance = np.concatenate([np.diag(s.covariance()) for s in summaries]) if summaries else np.empty(0)
+    clusters = np.concatenate([s.clusters for s in summaries]) if summaries else np.empty(0)
     slices = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
     value = _transform(Kinds.of(labels), ratio, bottom)
-    return Measured(tuple(labels), slices, ratio, bottom, value, variance)
+    return Measured(tuple(labels), slices, ratio, bottom, value, variance, clusters)
 
 
 def expectation(of: Measured, summaries: Sequence[Summary], share: float = 1.0) -> Expectation:
@@ -186,7 +190,8 @@ class Scatter:
         )
         own = [s.covariance() for s in self._summaries]
         found = np.concatenate([np.diag(c) for c in own]) * turn**2
-        variance = _variance(of, found, simulated, self._ratio)
+        clusters = np.concatenate([s.clusters for s in self._summaries])
+        variance = _variance(of, found, simulated, clusters, self._ratio)
         kept = np.sqrt(_SHRINK * _trust(kinds, top, simulated))
         with np.errstate(invalid="ignore", divide="ignore"):
             narrower = np.where((found > variance) | (kinds.mean & (found > 0.0)), np.sqrt(variance / found), 1.0)
@@ -220,13 +225,14 @@ def slope_of(kinds: Kinds, ratio: Floats, bottom: Floats) -> Floats:
     return np.where(kinds.share, angle, np.where(kinds.count, root, 1.0))
 
 
-def _variance(of: Measured, found: Floats, simulated: Floats, expected: Floats) -> Floats:
+def _variance(of: Measured, found: Floats, simulated: Floats, clusters: Floats, expected: Floats) -> Floats:
     """Return variances that are not too small, and as good as infinite ones where a statistic says nothing."""
     kinds = of.kinds
     counted = np.where((of.bottom > 0.0) & (simulated > 0.0), np.maximum(found, _LEAST_VARIANCE), _NOTHING)
     # Where the model is far off its own scatter is not to be trusted: half of each.
     mixed = 0.5 * (found + of.variance) + 2.0 * kinds.least**2
-    few = kinds.mean & (np.minimum(of.bottom, simulated) < _FEWEST_EVENTS)
+    few = np.minimum(of.bottom, simulated) < _FEWEST_EVENTS
+    few = kinds.mean & (few | (np.minimum(of.clusters, clusters) < _FEWEST_CLUSTERS))
     variance = np.where(kinds.share | kinds.count, counted, np.where(few, _NOTHING, mixed))
     usable = np.isfinite(of.ratio) & np.isfinite(expected) & (variance > 0.0)
     return np.where(usable, variance, _NOTHING)

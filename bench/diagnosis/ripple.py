@@ -1,90 +1,222 @@
-"""A frequency to which events are locked that is not the stimulus: the ripple of a lamp, if there is one."""
+"""A frequency to which events are locked that is not the stimulus: the ripple of a lamp, if there is one.
+
+What comes back with every pulse, and what drifts in a straight line from pulse to pulse, is taken out of the events
+first. A ripple is a line in the spectrum of what is left.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     import numpy.typing as npt
 
     from bench.store.data import PointData
 
     Floats = npt.NDArray[np.float64]
+    Ints = npt.NDArray[np.int64]
 
-__all__ = ["ripple_hz"]
+__all__ = ["Lock", "locked", "ripple_hz", "with_ripple"]
 
-#: Frequencies that are looked at, Hz, and how finely.
+#: Frequencies that are looked at, Hz, and how finely: at the least so, and to a share of what the longest recording
+#: tells apart.
 _LOWEST_HZ: Final = 15.0
 _HIGHEST_HZ: Final = 1000.0
 _APART_HZ: Final = 0.05
-#: Events are counted in so many bins for each period of the highest frequency.
+_FINER: Final = 0.25
+#: Part of a ripple's power that does not come back with the stimulus, where something is to be seen of it.
+_APART_FROM_STIMULUS: Final = 0.05
+#: Events are counted in so many bins for each period of the highest frequency, and of a ripple that was found.
 _BINS: Final = 4.0
-#: A point with fewer events says nothing.
+_BINS_OF_FOUND: Final = 8.0
+#: Fewer events of a polarity say nothing.
 _FEWEST: Final = 100
-#: The spectrum beside a line, within so many bins, tells how strong chance is there.
-_BESIDE: Final = 101
-#: Chance of finding a ripple where there is none.
+#: The spectrum beside a line, within so many Hz, tells how strong chance is there.
+_BESIDE_HZ: Final = 100.0
+#: Chance of finding a ripple where there is none. A spectrum that is looked at between the frequencies which a
+#: recording tells apart has about so many times as many chances.
 _CHANCE: Final = 1e-3
+_BETWEEN: Final = 3.0
 #: Of answers: standard deviations by which a line is above the others.
-_STANDS_OUT: Final = 6.0
-#: With fewer pulses nothing repeats.
-_PULSES: Final = 4
+_STANDS_OUT: Final = 8.0
+#: With fewer pulses nothing repeats; the first period is not like the others, as nothing came before it.
+_PULSES: Final = 8
+_FIRST: Final = 1
+_LINE: Final = 2
 #: and they repeat to this, s.
 _REPEATS_S: Final = 1e-5
+_POLARITIES: Final = 2
+
+
+@dataclass(frozen=True)
+class _Bins:
+    """Bins of a recording; those of one column of all rows are at the same place of the stimulus."""
+
+    begin_s: float  #: of the first
+    width_s: float
+    rows: int  #: periods of the stimulus; of constant light 1
+    columns: int
+
+    @property
+    def count(self) -> int:
+        return self.rows * self.columns
+
+    def of(self, t_us: Ints) -> Ints:
+        """Return the bin of each time, -1 for those outside."""
+        index = np.floor((t_us * 1e-6 - self.begin_s) / self.width_s).astype(np.int64)
+        return np.where((index >= 0) & (index < self.count), index, -1)
+
+    def beyond_stimulus(self, values: Floats) -> Floats:
+        """Return (..., bins) values less mean and straight line of the same place in all periods."""
+        if self.rows == 1:
+            return np.asarray(values - values.mean(axis=-1, keepdims=True))
+        place = np.linspace(-1.0, 1.0, self.rows)
+        basis, _ = np.linalg.qr(np.stack([np.ones_like(place), place], axis=1))
+        each = values.reshape(*values.shape[:-1], self.rows, self.columns)
+        left = each - np.einsum("ij,kj,...kb->...ib", basis, basis, each)
+        return np.asarray(left.reshape(values.shape))
+
+
+@dataclass(frozen=True)
+class Lock:
+    """How events of a recording go with a ripple, beyond what comes with the stimulus."""
+
+    bins: _Bins
+    ripple: npt.NDArray[np.complex128]  #: (bins,) of amplitude 1, beyond the stimulus
+
+    @property
+    def seconds(self) -> float:
+        """Length of the part that is looked at."""
+        return self.bins.count * self.bins.width_s
+
+    def of(self, t_us: Ints) -> npt.NDArray[np.complex128]:
+        """Return what an event at each time adds to the amplitude; nothing outside of whole periods."""
+        index = self.bins.of(t_us)
+        return np.where(index >= 0, self.ripple[index], 0.0)
+
+    def amplitude(self, chunks: Iterable[npt.NDArray[np.void]]) -> npt.NDArray[np.complex128]:
+        """Return (2,) the amplitude with which events of each polarity go with the ripple, OFF before ON."""
+        found = np.zeros(_POLARITIES, np.complex128)
+        for events in chunks:
+            for polarity in range(_POLARITIES):
+                found[polarity] += self.of(events["t"][events["p"] == polarity]).sum()
+        return found
+
+
+def with_ripple(points: Sequence[PointData]) -> list[PointData]:
+    """Return the points, those with a ripple with its frequency and the phases with which events go with it.
+
+    They stand among the attributes: `ripple_hz`, and `ripple_off_rad` and `ripple_on_rad`.
+    """
+    found = ripple_hz(points)
+    return list(points) if found is None else [_with_phases(point, found) for point in points]
+
+
+def locked(point: PointData, frequency_hz: float) -> Lock | None:
+    """Return how events go with a ripple of a frequency.
+
+    None where the stimulus is neither steady nor repeats, and where the ripple comes back with it.
+    """
+    bins = _bins(point, 1.0 / (_BINS_OF_FOUND * frequency_hz))
+    if bins is None:
+        return None
+    t = bins.begin_s + (np.arange(bins.count) + 0.5) * bins.width_s
+    waves = np.stack([np.cos(2.0 * math.pi * frequency_hz * t), np.sin(2.0 * math.pi * frequency_hz * t)])
+    cosine, sine = bins.beyond_stimulus(waves)
+    ripple = cosine - 1j * sine
+    return Lock(bins, ripple) if float(np.mean(np.abs(ripple) ** 2)) > _APART_FROM_STIMULUS else None
+
+
+def _with_phases(point: PointData, frequency_hz: float) -> PointData:
+    lock = locked(point, frequency_hz)
+    if lock is None:
+        return point
+    off, on = (float(phase) for phase in np.angle(lock.amplitude(point.events())))
+    more = {"ripple_hz": frequency_hz, "ripple_off_rad": off, "ripple_on_rad": on}
+    return replace(point, attributes={**point.attributes, **more})
 
 
 def ripple_hz(points: Sequence[PointData]) -> float | None:
     """Return the frequency to which events are locked most, beside that of the stimulus, Hz; None: to none.
 
     Background events tell it best. Answers to pulses, seen once in each period, do not tell a ripple from others that
-    differ by a multiple of the frequency of the pulses: only where pulses of several periods agree.
+    differ by a multiple of the frequency of the pulses: only pulses of several periods do.
 
     Source: A. Schuster, "On the investigation of hidden periodicities", Terr. Magn. 3 (1898).
     """
-    at = np.arange(_LOWEST_HZ, _HIGHEST_HZ, _APART_HZ)
+    longest = max((p.duration_s for p in points), default=1.0)
+    at = np.arange(_LOWEST_HZ, _HIGHEST_HZ, min(_APART_HZ, _FINER / longest))
     steady, pulsed = ([p for p in points if bool(len(p.pulse_start_s)) == pulses] for pulses in (False, True))
     found = _of_background(steady, at)
     return found if found is not None else _of_answers(pulsed, at)
 
 
-def _of_background(points: Sequence[PointData], at: Floats) -> float | None:
-    """Return the strongest line of all points together.
+def _bins(point: PointData, width_s: float) -> _Bins | None:
+    """Return bins of about a width: of a recording under constant light, or of whole periods of the stimulus."""
+    if not len(point.pulse_start_s):
+        return _Bins(0.0, width_s, 1, max(int(point.duration_s / width_s), 1))
+    period = _period_s(point)
+    if period is None:
+        return None
+    columns = max(math.ceil(period / width_s - 1e-9), 1)
+    begin = float(point.pulse_start_s[0]) + _FIRST * period
+    rows = int((point.duration_s - begin) / period + 1e-9)
+    return _Bins(begin, period / columns, rows, columns) if rows > _LINE else None
 
-    Of each point the spectrum, beside that of chance in its neighbourhood: powers of chance are exponential, so their
-    sum over n points is a gamma variable of shape n.
+
+def _of_background(points: Sequence[PointData], at: Floats) -> float | None:
+    """Return the strongest line of all points together, each beside chance in its neighbourhood."""
+    spectra = [s / _nearby(s, at) for point in points for s in _spectra(point, at)]
+    return _line(spectra, points, at) if spectra else None
+
+
+def _line(spectra: Sequence[Floats], points: Sequence[PointData], at: Floats) -> float | None:
+    """Return the strongest line of spectra whose median is 1; None if chance makes one as strong.
+
+    Powers of chance are exponential, so their sum over n spectra is a gamma variable of shape n.
     """
     from scipy.stats import gamma
 
-    spectra = [s for s in (_spectrum(point, at) for point in points) if s is not None]
-    if not spectra:
-        return None
-    total = np.sum(spectra, axis=0)
+    total = math.log(2.0) * np.sum(spectra, axis=0)
     best = int(np.argmax(total))
-    tried = (_HIGHEST_HZ - _LOWEST_HZ) * max(point.duration_s for point in points)
+    tried = _BETWEEN * (_HIGHEST_HZ - _LOWEST_HZ) * max(point.duration_s for point in points)
     p = float(gamma.sf(total[best], len(spectra))) * tried
-    return float(round(at[best], 3)) if p < _CHANCE else None
+    return float(round(at[best], 4)) if p < _CHANCE else None
+
+
+def _nearby(spectrum: Floats, at: Floats) -> Floats:
+    """Return the median of a spectrum in the neighbourhood of each frequency."""
+    blocks = max(round((at[-1] - at[0]) / _BESIDE_HZ), 1)
+    middles = [float(part.mean()) for part in np.array_split(at, blocks)]
+    medians = [float(np.median(part)) for part in np.array_split(spectrum, blocks)]
+    return np.asarray(np.interp(at, middles, medians))
 
 
 def _of_answers(points: Sequence[PointData], at: Floats) -> float | None:
-    """Return the line that stands out in most points: the sum of logarithms asks for all of them, not for a few.
+    """Return the line that stands out of the sum of all spectra.
 
     With pulses of one period alone it would be that of the stimulus, or any other.
     """
     from scipy.stats import median_abs_deviation
 
-    repeated = [point for point in points if _period_s(point) is not None]
-    spectra = [s for s in (_spectrum(point, at) for point in repeated) if s is not None]
-    if not spectra or len({round(_period_s(point) or 0.0, 4) for point in repeated}) == 1:
+    spectra, periods = [], set()
+    for point in points:
+        mine = _spectra(point, at)
+        spectra += [s / np.median(s) for s in mine]
+        periods |= {round(_period_s(point) or 0.0, 4)} if mine else set()
+    if len(periods) <= 1:
         return None
-    total = np.sum(np.log1p(spectra), axis=0)
-    best = int(np.argmax(total))
-    above = float(total[best] - np.median(total))
-    return float(round(at[best], 3)) if above > _STANDS_OUT * median_abs_deviation(total, scale="normal") else None
+    total = np.sum(spectra, axis=0)
+    above = float(np.max(total) - np.median(total))
+    # What lasts from pulse to pulse makes spectra of answers rougher than chance.
+    stands_out = above > _STANDS_OUT * median_abs_deviation(total, scale="normal")
+    return _line(spectra, points, at) if stands_out else None
 
 
 def _period_s(point: PointData) -> float | None:
@@ -95,33 +227,19 @@ def _period_s(point: PointData) -> float | None:
     return float(apart[0])
 
 
-def _spectrum(point: PointData, at: Floats) -> Floats | None:
-    """Return the power at some frequencies, beside that of chance; None if there are too few events."""
-    from scipy.ndimage import median_filter
-
-    width = 1.0 / (_BINS * _HIGHEST_HZ)
-    bins = max(int(point.duration_s / width), 1)
-    counts = np.zeros(bins)
+def _spectra(point: PointData, at: Floats) -> list[Floats]:
+    """Return the power at some frequencies of each polarity that has enough events."""
+    bins = _bins(point, 1.0 / (_BINS * _HIGHEST_HZ))
+    if bins is None:
+        return []
+    counts = np.zeros((_POLARITIES, bins.count))
     for events in point.events():
-        index = (events["t"] * (1e-6 / width)).astype(np.int64)
-        counts += np.bincount(index[(index >= 0) & (index < bins)], minlength=bins)
-    if counts.sum() < _FEWEST:
-        return None
-    power = np.abs(np.fft.rfft(_beyond_stimulus(counts, point, width))) ** 2
-    chance = median_filter(power, _BESIDE, mode="nearest") / np.log(2.0)
-    relative = np.divide(power, chance, out=np.zeros_like(power), where=chance > 0.0)
-    return np.asarray(relative[np.clip(np.round(at * (bins * width)).astype(np.int64), 0, len(power) - 1)])
-
-
-def _beyond_stimulus(counts: Floats, point: PointData, width: float) -> Floats:
-    """Return counts less their mean at the same phase of the stimulus; 0 outside of whole periods of it."""
-    period = _period_s(point)
-    if period is None:
-        return np.asarray(counts - counts.mean())
-    begin = float(point.pulse_start_s[0])
-    t = (np.arange(counts.size) + 0.5) * width - begin
-    phase = np.floor(np.mod(t, period) / width).astype(np.int64)
-    whole = (t >= 0.0) & (t < period * math.floor((point.duration_s - begin) / period))
-    number = np.bincount(phase[whole], minlength=int(phase.max(initial=0)) + 1)
-    mean = np.bincount(phase[whole], weights=counts[whole], minlength=number.size) / np.maximum(number, 1)
-    return np.asarray(np.where(whole, counts - mean[phase], 0.0))
+        index = bins.of(events["t"])
+        for polarity in range(_POLARITIES):
+            mine = index[(index >= 0) & (events["p"] == polarity)]
+            counts[polarity] += np.bincount(mine, minlength=bins.count)
+    # Zeros behind the end: the spectrum is looked at more finely than the recording is long.
+    n = max(round(1.0 / ((at[1] - at[0]) * bins.width_s)), bins.count)
+    frequency = np.fft.rfftfreq(n, bins.width_s)
+    seen = bins.beyond_stimulus(counts[counts.sum(axis=1) >= _FEWEST])
+    return [np.asarray(np.interp(at, frequency, np.abs(np.fft.rfft(one, n)) ** 2)) for one in seen]

@@ -69,7 +69,14 @@ def basis_of(fit: Fit, problem: Problem, more: Sequence[Floats] = (), without: s
     return np.asarray(u[:, s > 1e-6])
 
 
-def score(problem: Problem, fit: Fit, probes: Sequence[Probe], seed: int, beside: Sequence[Probe] = ()) -> Scores:
+def score(
+    problem: Problem,
+    fit: Fit,
+    probes: Sequence[Probe],
+    seed: int,
+    beside: Sequence[Probe] = (),
+    far_off: bool = False,
+) -> Scores:
     """Return how well each effect would explain the residuals of a fit.
 
     The p-value of the best of all is that of as large a fall for any candidate, among runs in which nothing is
@@ -79,26 +86,33 @@ def score(problem: Problem, fit: Fit, probes: Sequence[Probe], seed: int, beside
     ----------
     beside
         What they do may be there, whatever it is: no effect is significant for what they explain.
+    far_off
+        Some residuals are so large that their squares are all that a score test sees: the p-values are those of the
+        expected fall of the loss instead, in which large residuals count by their size.
     """
     residual = fit.whiten(fit.residual, problem.measured.points)
     basis = basis_of(fit, problem, [column for one in beside for column in one.change.mean(axis=0).T])
     jacobian = fit.whiten(fit.jacobian.mean(axis=0), problem.measured.points)
-    alone = explain(fit, jacobian, residual, None)[2]
+    alone = explain(fit, jacobian, residual, None).fall
     tried = [explain(fit, jacobian, residual, one) for one in probes]
     rest = beyond(basis, residual[:, None])[:, 0]
     spans = [[beyond(basis, one.change[s]) for s in range(2)] for one in probes]
     means = [0.5 * (a + b) for a, b in spans]
     rest /= math.sqrt(fit.common)
-    ps = np.array([_score(one, mean, mean.T @ rest) for one, mean in zip(probes, means, strict=True)])
+    drop = np.array([max(found.fall - alone, 0.0) for found in tried])
+    if far_off:
+        ps = np.array([_p_value(fall / fit.common, one) for fall, one in zip(drop, probes, strict=True)])
+    else:
+        ps = np.array([_score(one, mean, mean.T @ rest) for one, mean in zip(probes, means, strict=True)])
     return Scores(
         probes=tuple(probes),
-        drop=np.array([max(fall - alone, 0.0) for _, _, fall in tried]),
+        drop=drop,
         p_value=ps,
         p_best=_of_the_best(probes, means, ps, seed),
-        size=tuple(size for _, size, _ in tried),
-        base=tuple(base for base, _, _ in tried),
+        size=tuple(found.size for found in tried),
+        base=tuple(found.base for found in tried),
         seen=np.array([math.sqrt(max(float(np.sum(a * b)), 0.0)) for a, b in spans]),
-        likeness=_likeness(spans, [size for _, size, _ in tried]),
+        likeness=_likeness(spans, [found.size for found in tried]),
     )
 
 

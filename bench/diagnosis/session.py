@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from bench.compute import Workforce
-from bench.diagnosis.fit import fit
+from bench.diagnosis.approach import approach
+from bench.diagnosis.fit import finish, fit
 from bench.diagnosis.forward import Forward
+from bench.diagnosis.phases import phases_of
 from bench.diagnosis.problem import Problem
+from bench.diagnosis.ripple import with_ripple
 from bench.diagnosis.time_grid import time_grid_us
 from bench.models.simulation import on_sensor
 from protocols.errors import InputError
+from sim_backend.pixel.effects.light_flicker import LightFlicker
 from sim_backend.pixel.model import PixelModel
 
 if TYPE_CHECKING:
@@ -30,6 +35,8 @@ _USUAL_GRID_US: Final = 10
 _BLUR: Final = 0.5
 #: Pixels that are looked at, at the most: more sharpen nothing that the pulses do not.
 _MOST_PIXELS: Final = 4096
+#: Frequencies of a ripple are the same when they agree to this.
+_SAME_HZ: Final = 1e-3
 
 
 class Session:
@@ -54,9 +61,27 @@ class Session:
         self.by_eye = by_eye
 
     def fit(self, seed: int) -> Fit:
-        """Return the model with its free numbers fitted."""
+        """Return the model with its free numbers fitted; from then on a ripple has the phase of each recording."""
+        slots = self.problem.slots_of(self.model)
         start = self.problem.start(self.model, by_eye=self.by_eye)
-        return fit(self.problem, self.model, self.problem.slots_of(self.model), start, seed=seed)
+        found = fit(self.problem, self.model, slots, start, seed=seed)
+        given = self.problem.given.get(LightFlicker.id)
+        own = self.model.effect(LightFlicker.id)
+        if given is None or (isinstance(own, LightFlicker) and not _same(own.frequency_hz, given["frequency_hz"])):
+            return found
+        models = self.problem.models(found.model.without(LightFlicker.id), found.slots, found.x)
+        grid_s = self.problem.forward.dt_s
+        phases = phases_of(self.problem.points, models, LightFlicker(**given), grid_s, seed + 7)
+        self.problem = replace(self.problem, phases=tuple(phases))
+        if own is None:
+            return found
+        # Until now it was any phase.
+        again = approach(self.problem, self.model, slots, list(found.x), seed=seed + 8, prior=found.start)
+        return finish(self.problem, again)
+
+
+def _same(one_hz: float, other_hz: float) -> bool:
+    return math.isclose(one_hz, other_hz, rel_tol=_SAME_HZ)
 
 
 @contextmanager
@@ -80,7 +105,7 @@ def open_session(
     InputError
         There are no points, the runs are of different sensors, or a window has too many pixels.
     """
-    points = _points(runs)
+    points = with_ripple(_points(runs))
     with (workforce or Workforce()).open() as executor:
         grid_us = time_grid_us(points)
         forward = Forward(points, executor, (grid_us or _USUAL_GRID_US) * 1e-6, done)

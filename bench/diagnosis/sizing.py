@@ -95,6 +95,5 @@ def _expected(problem: Problem, fit: Fit, probes: Sequence[Probe]) -> tuple[list
     points = problem.measured.points
     residual, jacobian = fit.whiten(fit.residual, points), fit.whiten(fit.jacobian.mean(axis=0), points)
     found = [explain(fit, jacobian, residual, one) for one in probes]
-    return [np.abs(size / np.asarray(one.at)) for one, (_, size, _) in zip(probes, found, strict=True)], [
-        fall for _, _, fall in found
-    ]
+    shares = [np.abs(expected.size / np.asarray(one.at)) for one, expected in zip(probes, found, strict=True)]
+    return shares, [expected.fall for expected in found]

@@ -69,6 +69,15 @@ class Summary:
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(self.bottom > 0.0, self.top / np.where(self.bottom > 0.0, self.bottom, 1.0), np.nan)
 
+    @property
+    def clusters(self) -> Floats:
+        """(k,) how many clusters each statistic comes from, if all had the same weight.
+
+        Source: L. Kish, "Survey Sampling" (1965), effective sample size.
+        """
+        squares = np.diag(self.products)[len(self.top) :]
+        return np.divide(self.bottom**2, squares, out=np.zeros_like(self.bottom), where=squares > 0.0)
+
     def covariance(self) -> Floats:
         """(k, k) covariance of the ratios of one recording, from the scatter between clusters (delta method)."""
         k = len(self.top)

@@ -14,6 +14,7 @@ from bench.diagnosis.views.background import (
     SamePolarity,
 )
 from bench.diagnosis.views.latency import Latency, LatencySpread, SecondEvent
+from bench.diagnosis.views.locked import Locked
 from bench.diagnosis.views.response import ExtraEvents, OtherPolarity, Response
 from bench.diagnosis.views.scatter import CommonMode, Halves, PixelSpread, Succession
 
@@ -42,4 +43,5 @@ VIEWS: Final[tuple[View, ...]] = (
     Neighbours(),
     Outliers(),
     Burst(),
+    Locked(),
 )

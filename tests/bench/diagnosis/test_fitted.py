@@ -40,3 +40,32 @@ def test_where_points_disagree_it_is_as_wide_as_they_do() -> None:
     expected = float(away.var(ddof=1)) / POINTS
     assert expected > 2.0 / N
     assert mean_of(np.repeat(away, EACH)).covariance(WHERE)[0, 0] == pytest.approx(expected)
+
+
+def _of_columns(halves: np.ndarray[tuple[int, int, int], np.dtype[np.float64]]) -> Fit:
+    """Return a fit that leaves nothing over, of numbers of which nothing is known beforehand."""
+    k = halves.shape[2]
+    free = replace(base_parameters(refractory_known=True)[0], prior_sd=np.inf)
+    return replace(
+        mean_of(np.zeros(N)), slots=(Slot(free),) * k, x=np.zeros(k), start=np.zeros(k), jacobian=halves
+    )  # fmt: skip
+
+
+def test_chance_in_the_changes_hardly_moves_the_interval_of_what_is_badly_known() -> None:
+    """Two numbers that do nearly the same; what tells them apart is hardly more than the chance in it."""
+    rng = np.random.default_rng(5)
+    both, apart = rng.normal(size=(2, N))
+    changes = np.stack([5.0 * both + 0.4 * apart, 5.0 * both - 0.4 * apart], axis=1)
+    truth = np.sqrt(np.diag(np.linalg.inv(changes.T @ changes)))
+    for _ in range(50):
+        halves = changes + rng.normal(scale=0.5, size=(2, N, 2))
+        found = np.sqrt(np.diag(_of_columns(halves).covariance(WHERE)))
+        assert np.all((found > truth / 2.0) & (found < truth * 2.0)), (found, truth)
+
+
+def test_of_a_number_that_changes_nothing_nothing_is_known() -> None:
+    halves = np.ones((2, N, 2))
+    halves[:, :, 1] = 0.0
+    found = np.diag(_of_columns(halves).covariance(WHERE))
+    assert found[0] == pytest.approx(1.0 / N)
+    assert np.isinf(found[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 
 from bench.diagnosis import race as module
 from bench.diagnosis.approach import Approach
+from bench.diagnosis.catalogue import switches
 from bench.diagnosis.cloud import Cloud
-from bench.diagnosis.parameters import Free
+from bench.diagnosis.parameters import Free, base_parameters
+from bench.diagnosis.probing import Probe
 from bench.diagnosis.problem import Slot
 from bench.diagnosis.race import race
 from sim_backend.pixel import PixelModel
@@ -94,3 +97,19 @@ def test_those_before_the_best_are_tried_with_its_numbers(walks: dict[str, list[
     assert walks["along"] == ["leak", "dark_current"]  # nothing was known that explains the run
     assert walks["looks"] == ["leak"] * 14
     assert walks["further"] == ["dark_current"]
+
+
+def test_what_is_known_beforehand_starts_where_it_is_known_to_be() -> None:
+    """A fit that was far off has moved a number that the settings tell, to stand in for what is missing."""
+    frees = base_parameters(refractory_known=True)
+    slots = tuple(Slot(f) for f in frees)
+    start, moved = np.zeros(len(slots)), np.linspace(0.1, 0.5, len(slots))
+    here: Any = SimpleNamespace(model=PixelModel(), slots=slots, x=moved, start=start)
+    probe = Probe(Leak, switches(Leak), (0.05,), np.zeros((2, 1, 1)))
+    scores: Any = SimpleNamespace(probes=[probe], size=[np.array([0.02])], base=[np.full(len(slots), 0.2)])
+    problem: Any = SimpleNamespace(given={})
+    at = module.entrant(problem, here, scores, 0, seed=1, far_off=True).at
+    known = [f.owner == "refractory_period" for f in frees]
+    assert at[:-1] == pytest.approx(np.where(known, start, moved + 0.2))
+    near = module.entrant(problem, here, scores, 0, seed=1, far_off=False).at
+    assert near[:-1] == pytest.approx(moved)

@@ -17,8 +17,9 @@ def steady(rng: np.random.Generator, depth: float, hz: float = 0.0, events: int 
     """Return a point at constant light with events at random times, more of them at some phase of a ripple."""
     t = rng.uniform(0.0, SECONDS, 4 * events)
     kept = rng.random(t.size) < 0.25 * (1.0 + depth * np.sin(2.0 * np.pi * hz * t + rng.uniform(0.0, 6.0)))
-    stamps = np.zeros(int(kept.sum()), dtype=[("t", np.int64)])
+    stamps = np.zeros(int(kept.sum()), dtype=[("t", np.int64), ("p", np.uint8)])
     stamps["t"] = np.sort(t[kept] * 1e6)
+    stamps["p"] = rng.integers(0, 2, stamps.size)
     return SimpleNamespace(events=lambda: iter([stamps]), duration_s=SECONDS, pulse_start_s=np.zeros(0))
 
 
@@ -43,7 +44,7 @@ def answers(rng: np.random.Generator, depth: float, hz: float, period_s: float) 
     for edge, ripple in zip(edges, depth * np.sin(phase), strict=True):
         answered = int(rng.binomial(200, 0.5 * (1.0 + ripple)))
         parts.append(edge + 5e-3 * (1.0 - 0.3 * ripple) + 1e-3 * rng.standard_normal(answered))
-    stamps = np.zeros(sum(len(p) for p in parts), dtype=[("t", np.int64)])
+    stamps = np.zeros(sum(len(p) for p in parts), dtype=[("t", np.int64), ("p", np.uint8)])
     stamps["t"] = np.sort(np.concatenate(parts) * 1e6)
     return SimpleNamespace(events=lambda: iter([stamps]), duration_s=SECONDS, pulse_start_s=edges)
 
@@ -61,4 +62,4 @@ def test_pulses_of_one_period_do_not_tell() -> None:
 
 
 def test_hardly_any_events_say_nothing() -> None:
-    assert ripple_hz([steady(np.random.default_rng(6), 0.9, 123.4, events=20)]) is None
+    assert ripple_hz([steady(np.random.default_rng(6), 0.9, 123.4, events=50)]) is None

@@ -102,3 +102,15 @@ def test_what_another_effect_explains_is_no_sign_of_this_one() -> None:
     beside = score(PROBLEM, fitted(residual), probes, seed=1, beside=probes[:1])
     assert beside.p_value[0] == 1.0
     assert beside.p_value[1] > 1e-3
+
+
+def test_far_off_the_loss_says_what_is_significant_not_the_squares_of_the_worst() -> None:
+    """An effect that explains nearly all statistics, beside one statistic that is off by far, the other way."""
+    residual = 5.0 * LEAK + RNG.standard_normal(N)
+    worst = int(np.argmax(LEAK))
+    residual[worst] = -1e4
+    probes = [probe_along("leak", LEAK), probe_along("dark_current", DARK)]
+    squares, loss = (score(PROBLEM, fitted(residual), probes, seed=1, far_off=far) for far in (False, True))
+    assert squares.p_best[0] > 0.1
+    assert loss.p_best[0] < 1e-3
+    assert loss.p_best[1] > 0.01

@@ -1,0 +1,43 @@
+"""Events that go with a ripple which is not the stimulus."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+
+from bench.diagnosis.views.base import Statistic, View
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bench.diagnosis.recording import Recording
+    from bench.diagnosis.views.base import Part
+
+__all__ = ["Locked"]
+
+_PARTS: Final[tuple[Part, Part]] = ("off", "on")
+
+
+class Locked(View):
+    """Amplitude with which the rate of events goes with the ripple of a run, at the phase that the run has.
+
+    It is that of events beyond what comes with the stimulus. Without a ripple in the run there is nothing to be said.
+    """
+
+    id: ClassVar[str] = "locked"
+    title: ClassVar[str] = "rate of events locked to a ripple, Hz"
+
+    def look(self, recording: Recording) -> Iterator[Statistic]:
+        """Yield the amplitude of each polarity."""
+        lock = recording.frame.lock
+        if lock is None:
+            return
+        seconds = np.full(recording.pixels, lock.seconds)
+        least = 1.0 / (recording.frame.pixels * lock.seconds)
+        for polarity, part in enumerate(_PARTS):
+            mine = recording.p == polarity
+            phase = float(recording.frame.point.attributes[f"ripple_{part}_rad"])
+            along = np.real(lock.of(recording.t_us[mine]) * np.exp(-1j * phase))
+            top = np.bincount(recording.pixel[mine], weights=along, minlength=recording.pixels).astype(np.float64)
+            yield Statistic(part, "difference", top, seconds, unit="Hz", least=least)

@@ -1,0 +1,69 @@
+"""The phase of a ripple is read off the events of each recording; the ripple is the simulator's own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.phases import phases_of, with_phases
+from bench.diagnosis.recording import Frame, Recording
+from bench.diagnosis.ripple import with_ripple
+from bench.diagnosis.summary import summarise
+from bench.diagnosis.views.locked import Locked
+from bench.models.simulation import on_sensor
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects import LightFlicker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
+RIPPLE = LightFlicker(depth=0.05, frequency_hz=61.7)
+
+
+def points(point: Callable[..., Any]) -> list[Any]:
+    """Return square waves of two periods, at contrasts of which not all pulses are answered."""
+    found = [point(i, contrast, periods=24, half_s=0.05) for i, contrast in enumerate((0.2, 0.26, 0.3))]
+    return found + [point(3 + i, contrast, periods=24, half_s=0.037) for i, contrast in enumerate((0.22, 0.28))]
+
+
+@pytest.mark.parametrize("phase", [0.4, 3.3])
+def test_the_phase_is_found(point: Callable[..., Any], run_of: Callable[..., Any], phase: float) -> None:
+    """64 pixels and 48 pulses: a phase is known to about a tenth of a radian."""
+    run = run_of(points(point), PIXEL + replace(RIPPLE, phase=phase), 5)
+    taken = list(run.points())
+    models = [on_sensor(PIXEL, run.header.sensor)] * len(taken)
+    found = np.array(phases_of(taken, models, RIPPLE, 2e-5, seed=9))
+    apart = np.angle(np.exp(1j * (found - phase)))
+    assert np.max(np.abs(apart)) < 0.5
+    assert abs(float(np.mean(apart))) < 0.2
+
+
+def test_a_ripple_whose_phase_is_open_gets_that_of_the_point() -> None:
+    models = [PIXEL + RIPPLE, PIXEL + replace(RIPPLE, phase=1.0), PIXEL]
+    found = with_phases(models, [2.0, 2.0, 2.0])
+    assert found == [PIXEL + replace(RIPPLE, phase=2.0), PIXEL + replace(RIPPLE, phase=1.0), PIXEL]
+
+
+def test_events_on_the_crest_of_a_ripple_are_locked_to_it(
+    point: Callable[..., Any], recorded: Callable[..., Any]
+) -> None:
+    """An ON event in every other period of 10 ms, at the same phase: all of their rate goes with the ripple."""
+    taken = recorded(point(0, 0.0), [(1_000 + 20_000 * k, k % 8, 0, 1) for k in range(250)])
+    hz, seconds, pixels = 100.0, 5.0, 64
+    crest = -2.0 * math.pi * hz * 1e-3
+    marked = replace(taken, attributes={"ripple_hz": hz, "ripple_on_rad": crest, "ripple_off_rad": 0.0})
+    off, on = Locked().look(Recording(Frame(marked), marked.events()))
+    # Eight bins for each period: an event may be half a bin away from where it is counted.
+    assert float(on.top.sum() / on.bottom.sum()) == pytest.approx(250 / (seconds * pixels), rel=0.08)
+    assert not off.top.any()
+
+
+def test_without_a_ripple_nothing_is_said(point: Callable[..., Any], run_of: Callable[..., Any]) -> None:
+    taken = list(run_of(points(point), PIXEL, 5).points())
+    assert with_ripple(taken) == taken
+    assert summarise(Recording(Frame(taken[0]), taken[0].events()), (Locked(),)).labels == ()
