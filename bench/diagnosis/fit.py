@@ -43,7 +43,8 @@ _LOG = logging.getLogger(__name__)
 #: Relative error that what is expected may have at the start of a fit.
 _ANYWHERE: Final = 0.3
 #: Effort of one expectation at the solution, and how often it is looked for there. A model that takes longer than the
-#: base pixel gets more effort, by the root of its cost: what few pixels let expect tells little apart.
+#: base pixel gets more effort, by the root of its cost, unless it is far off: what few pixels let expect tells little
+#: apart.
 _FINE: Final = 3.0
 _POLISHINGS: Final = 6
 #: A fit ends when a step would lower the loss by less than this.

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sim_backend.pixel.chain import Chain
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["Forward", "Sensor", "Task"]
+__all__ = ["Forward", "Sensor", "Task", "engine_of"]
 
 #: Sensors of few pixels that are simulated side by side: most of the time goes into calls, not into events.
 _TOGETHER: Final = 4
@@ -61,6 +61,11 @@ class Task:
     run: str = ""  #: tells the points of one run from those of another; empty: nothing is remembered
 
 
+def engine_of(dt_s: float) -> FastEngine:
+    """Return the engine with which models are laid beside a run; the comparators look every `dt_s`."""
+    return FastEngine(dt_s, threads=1, quiet_high_pass=_QUIET_HIGH_PASS, steady_leak=True)
+
+
 def sensors_of(task: Task) -> list[Sensor]:
     """Simulate a task; points with the same law are taken once for each sensor."""
     taken = [_Taken(task, models, number) for models, number in zip(task.models, task.sensors, strict=True)]
@@ -87,7 +92,7 @@ class _Taken:
     def __init__(self, task: Task, models: Sequence[PixelModel], number: int) -> None:
         self._task, self._models, self._number = task, models, number
         self.same = representatives(task.points, models)  #: for each point the first one with the same law
-        self._engine = FastEngine(task.dt_s, threads=1, quiet_high_pass=_QUIET_HIGH_PASS, steady_leak=True)
+        self._engine = engine_of(task.dt_s)
         self._seed = recording_seed(task.seed, number, 0)
         self._chains: dict[Hashable, Chain] = {}  # points at one setting have the same pixels
 

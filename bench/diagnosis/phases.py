@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.forward import engine_of
 from bench.diagnosis.ripple import locked
 from bench.diagnosis.same_law import representatives
 from bench.models.simulation import recording_seed, simulate_point
 from protocols.points import Roi
 from sim_backend.pixel.effects.light_flicker import LightFlicker
-from sim_backend.pixel.engines.fast import FastEngine
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,7 +64,7 @@ def phases_of(
     """
     small = [_corner(point) for point in points]
     first = representatives(points, models)
-    engine = FastEngine(dt_s, threads=1, quiet_high_pass=1.0, steady_leak=True)
+    engine = engine_of(dt_s)
     locks = [locked(point, ripple.frequency_hz) for point in points]
     turning: dict[int, Complex] = {}  # (2, polarity) of cosine and sine
     for i in sorted(set(first)):

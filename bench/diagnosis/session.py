@@ -67,21 +67,20 @@ class Session:
         found = fit(self.problem, self.model, slots, start, seed=seed)
         given = self.problem.given.get(LightFlicker.id)
         own = self.model.effect(LightFlicker.id)
-        if given is None or (isinstance(own, LightFlicker) and not _same(own.frequency_hz, given["frequency_hz"])):
+        if given is None:
             return found
+        ripple, hz = LightFlicker(**given), given["frequency_hz"]
+        if isinstance(own, LightFlicker) and not math.isclose(own.frequency_hz, hz, rel_tol=_SAME_HZ):
+            return found  # the model has another one
         models = self.problem.models(found.model.without(LightFlicker.id), found.slots, found.x)
         grid_s = self.problem.forward.dt_s
-        phases = phases_of(self.problem.points, models, LightFlicker(**given), grid_s, seed + 7)
+        phases = phases_of(self.problem.points, models, ripple, grid_s, seed + 7)
         self.problem = replace(self.problem, phases=tuple(phases))
         if own is None:
             return found
         # Until now it was any phase.
         again = approach(self.problem, self.model, slots, list(found.x), seed=seed + 8, prior=found.start)
         return finish(self.problem, again)
-
-
-def _same(one_hz: float, other_hz: float) -> bool:
-    return math.isclose(one_hz, other_hz, rel_tol=_SAME_HZ)
 
 
 @contextmanager
