@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sim_backend.pixel.chain import Chain
     from sim_backend.pixel.hooks import Hook
 
-__all__ = ["ChipLight", "commanded_light"]
+__all__ = ["ChipLight", "commanded_light", "flicker_phase"]
 
 _PURPOSE_FLICKER = 16  # of the random number that is the phase of the flicker; engines use lower ones
 
@@ -54,10 +54,7 @@ class ChipLight:
         self.rise_tau_s = commanded.rise_tau_s  #: time constant of the source's edges, s
         self._room_lux = np.asarray(light.room_lux)
         self._nd_factor = np.where(np.asarray(light.nd_od) > 0.0, math.pow(10.0, -chain.nd_error_od), 1.0)
-        self._phase = 0.0
-        if chain.flicker_depth != 0.0:
-            drawn = 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])
-            self._phase = drawn if chain.flicker_phase is None else chain.flicker_phase
+        self._phase = flicker_phase(chain, seed)
 
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
@@ -127,6 +124,15 @@ def _lux_by(hook: Hook, lux: npt.NDArray[np.float64], t_s: npt.NDArray[np.float6
     if np.any(bad):
         raise refused(hook, f"{made[bad][0]:g} lux at {t_s[bad][0]:g} s", "0 lux or more")
     return made.astype(np.float64)
+
+
+def flicker_phase(chain: Chain, seed: int) -> float:
+    """Return the phase of the flicker in a recording, rad; where the chain leaves it open, it is drawn."""
+    if chain.flicker_depth == 0.0:
+        return 0.0
+    if chain.flicker_phase is not None:
+        return chain.flicker_phase
+    return 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])
 
 
 def commanded_light(chain: Chain, light: LightHistory) -> LightHistory:

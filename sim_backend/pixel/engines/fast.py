@@ -11,6 +11,7 @@ import numpy as np
 from protocols.errors import InputError
 from sim_backend.pixel.engines.readout import read_out, together
 from sim_backend.pixel.engines.reference import ReferenceEngine, samples_before
+from sim_backend.pixel.engines.stepped_light import cut_for_memory, memory_slopes, with_stairs
 from sim_backend.pixel.hooks import has_hooks
 
 if TYPE_CHECKING:
@@ -45,6 +46,11 @@ def is_faster(chain: Chain, dt_s: float) -> npt.NDArray[np.bool_]:
     rate = 2.0 * math.pi * chain.corner_hz * dt_s
     apart = (chain.theta_on + chain.theta_off) / chain.noise_rms
     return np.asarray((apart >= 8.0) | (apart**2 / 40.0 >= 40.0 * rate))
+
+
+def _are_alike(chain: Chain) -> bool:
+    """Return whether the light is the same to all pixels."""
+    return float(np.ptp(chain.dark_fa)) == float(np.ptp(chain.gain_fa_per_lux)) == 0.0
 
 
 def _has_more_than_one_pole(chain: Chain) -> bool:
@@ -84,12 +90,18 @@ class FastEngine:
     steady_leak
         A leak that follows the light follows its levels, not how these drift, flicker or rise. Beside the leak of a
         level that is little, and it is hundreds of times as fast; but no longer the same distribution.
+    stepped_light
+        Drift and flicker of the light go in small steps, for all pixels; what a high-pass remembers (see
+        `quiet_high_pass`) follows the light alone, along short lines, and that of the mean pixel where there is more
+        than one low-pass. That is up to tens of times as fast, most of all with few pixels or more than one low-pass;
+        but no longer the same distribution: see :mod:`sim_backend.pixel.engines.stepped_light`.
     """
 
     dt_s: float = 1e-5
     threads: int | None = None
     quiet_high_pass: float = 0.0
     steady_leak: bool = False
+    stepped_light: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 < self.dt_s < math.inf:
@@ -110,30 +122,39 @@ class FastEngine:
         from sim_backend.pixel.engines.two_poles import TwoPoles
 
         chain = _with_injection_in_thresholds(chain)
-        one_pole = _without_noise_in_high_pass(chain, self.quiet_high_pass)
-        fast = is_faster(chain if one_pole is None else replace(one_pole, high_pass_hz=0.0), self.dt_s)
+        if self.stepped_light:
+            chain, light = with_stairs(chain, light, self.dt_s, seed, duration_s)
+        quiet = self._without_noise_in_high_pass(chain)
+        slopes = None
+        if quiet is not None and self.stepped_light and (_are_alike(chain) or _has_more_than_one_pole(chain)):
+            light = cut_for_memory(chain, light, duration_s)
+            slopes = memory_slopes(chain, light, self.dt_s, seed, duration_s)
+            quiet = replace(quiet, high_pass_hz=0.0)
+        fast = is_faster(chain if quiet is None else replace(quiet, high_pass_hz=0.0), self.dt_s)
         if fast.any() and not self.steady_leak and _leak_follows_moving_light(chain, light):
             fast[:] = False
         streams: list[Crossings] = []
         if fast.any():
             kind = TwoPoles if _has_more_than_one_pole(chain) else OnePole
-            walk = kind(_some_pixels(one_pole or chain, fast), light, self.dt_s, seed)
+            walk = kind(_some_pixels(quiet or chain, fast), light, self.dt_s, seed, slopes)
             streams.append(crossings(walk, samples_before(duration_s, self.dt_s), self.threads))
         if not fast.all():
             reference = ReferenceEngine(dt_s=self.dt_s, threads=self.threads)
             streams.append(reference.crossings(_some_pixels(chain, ~fast), light, duration_s, seed))
         return streams[0] if len(streams) == 1 else together(streams)
 
+    def _without_noise_in_high_pass(self, chain: Chain) -> Chain | None:
+        """Return the chain with the noise that a high-pass leaves over, if that may be left out.
 
-def _without_noise_in_high_pass(chain: Chain, most: float) -> Chain | None:
-    """Return the chain with the noise that a high-pass leaves over, if its corner is low enough and nothing is slow.
-
-    Of the variance of noise behind a low-pass of corner f, a high-pass of corner h leaves the share f / (f + h).
-    """
-    if not 0.0 < chain.high_pass_hz <= most * chain.corner_hz or _has_more_than_one_pole(chain):
-        return None
-    left = chain.corner_hz / (chain.corner_hz + chain.high_pass_hz)
-    return replace(chain, noise_rms=chain.noise_rms * math.sqrt(left))
+        Of the variance of noise behind a low-pass of corner f, a high-pass of corner h leaves the share f / (f + h).
+        Beside slow noise it leaves much less, and nothing is left out.
+        """
+        if not 0.0 < chain.high_pass_hz <= self.quiet_high_pass * chain.corner_hz or chain.slow_rms > 0.0:
+            return None
+        if _has_more_than_one_pole(chain) and not self.stepped_light:
+            return None
+        left = chain.corner_hz / (chain.corner_hz + chain.high_pass_hz)
+        return replace(chain, noise_rms=chain.noise_rms * math.sqrt(left), shot_factor=chain.shot_factor * left)
 
 
 def _with_injection_in_thresholds(chain: Chain) -> Chain:

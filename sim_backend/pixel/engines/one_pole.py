@@ -48,7 +48,9 @@ class OnePole:
     Of a high-pass, what it remembers of the light is taken off; it remembers no noise.
     """
 
-    def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
+    def __init__(
+        self, chain: Chain, light: LightHistory, dt_s: float, seed: int, slopes: Floats | None = None
+    ) -> None:
         from sim_backend.pixel.engines import fast_kernels
 
         self._kernels: Any = fast_kernels
@@ -59,6 +61,8 @@ class OnePole:
         on_chip = ChipLight(chain, light, dt_s, seed)
         self._segments = segments_of(on_chip, chain.noise_rms, dt_s, restless=chain.high_pass_hz > 0.0)
         leaks = chain.leak_per_s_per_lux * self._segments.lux * (dt_s / chain.noise_rms)
+        if slopes is not None:
+            leaks = leaks - slopes / chain.noise_rms
         self._light = (self._segments.first, self._segments.until, self._segments.lux, leaks)
         self._factors = block_factors(self._rate)
         self._settle, self._tables = self._hazard()

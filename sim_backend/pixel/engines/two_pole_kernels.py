@@ -69,8 +69,8 @@ LEAK: Final = 4
 FIXED: Final = 5
 
 MOST_DRAWS: Final = 8  #: normal numbers of one step at the most
-#: Lights whose tables a pixel keeps.
-_KEPT_LIGHTS: Final = 4
+#: Lights whose tables are kept: those of two levels, and of the stairs of flicker or drift at each.
+_KEPT_LIGHTS: Final = 128
 
 
 @lean_njit(forceinline=True)
@@ -120,7 +120,8 @@ def walk(lux, settled, gain, dark, c, v, p, s, z, used):  # type: ignore[no-unty
 @lean_njit()
 def table_of(current, c, slow, levels, kept, tables, newest, parts):  # type: ignore[no-untyped-def]
     """Return the number of the table of a photocurrent, made if none has it; and that of the table made last."""
-    for i in range(_KEPT_LIGHTS):
+    for back in range(_KEPT_LIGHTS):
+        i = (newest - back) % _KEPT_LIGHTS
         if kept[i] == current:
             return i, newest
     newest = (newest + 1) % _KEPT_LIGHTS

@@ -34,7 +34,9 @@ class TwoPoles:
 
     stretch_samples = 262144
 
-    def __init__(self, chain: Chain, light: LightHistory, dt_s: float, seed: int) -> None:
+    def __init__(
+        self, chain: Chain, light: LightHistory, dt_s: float, seed: int, slopes: Floats | None = None
+    ) -> None:
         from sim_backend.pixel.engines import lanes, two_pole_kernels
 
         self._kernels: Any = two_pole_kernels
@@ -46,6 +48,8 @@ class TwoPoles:
         self._c = lanes.coefficients(grid, chain)
         self._segments = segments_of(self._on_chip, max(chain.noise_rms, _SMALL_NOISE), dt_s)
         self._leaks = chain.leak_per_s_per_lux * self._segments.lux * dt_s
+        if slopes is not None:
+            self._leaks = self._leaks - slopes
         self._slow = slow_noise(chain, dt_s)
         self._lux: tuple[Floats, int] = (np.zeros(0), 0)
         self.order, rank = places(chain)
