@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -31,9 +32,22 @@ _workers_option = click.option(
 )
 
 
+def _load_views(ctx: click.Context, _param: click.Parameter, files: tuple[str, ...]) -> None:
+    if files and not ctx.resilient_parsing:
+        from bench.diagnosis.views.registry import load_view_files
+
+        load_view_files(files)
+
+
+_views_option = click.option(
+    "--views", multiple=True, metavar="FILE", expose_value=False, callback=_load_views,
+    help="A Python file with a view of your own; it is run. Can be given several times.",
+)  # fmt: skip
+
+
 def fit_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command `--model`, `--seed` and `--workers`."""
-    return _model_option(_seed_option(_workers_option(command)))
+    """Give a command `--model`, `--seed`, `--workers` and `--views`."""
+    return _model_option(_seed_option(_workers_option(_views_option(command))))
 
 
 def model_of(file: str | None) -> PixelModel | None:
@@ -55,11 +69,18 @@ def open_runs(folders: Sequence[Path]) -> tuple[Run, ...]:
 
 
 def processes(workers: int) -> Workforce:
-    """Return so many processes, which know the user's own effects."""
+    """Return so many processes, which know the user's own effects and views."""
     from bench.compute import Workforce
+    from bench.diagnosis.views.registry import same_views
     from bench.models.effect_sources import same_effects
 
-    return Workforce(workers, setup=same_effects())
+    known = [setup for setup in (same_effects(), same_views()) if setup is not None]
+    return Workforce(workers, setup=partial(_each, known) if known else None)
+
+
+def _each(setups: Sequence[Callable[[], object]]) -> None:
+    for setup in setups:
+        setup()
 
 
 def size_of(runs: Sequence[Run]) -> tuple[int, int]:

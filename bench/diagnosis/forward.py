@@ -12,7 +12,7 @@ import numpy as np
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.same_law import representatives
 from bench.diagnosis.summary import summarise_each
-from bench.diagnosis.views.registry import VIEWS
+from bench.diagnosis.views.registry import views
 from bench.models.simulation import point_chain, recording_seed
 from protocols.points import Roi
 from sim_backend.pixel.engines.fast import FastEngine
@@ -63,7 +63,7 @@ class Task:
 
 def engine_of(dt_s: float) -> FastEngine:
     """Return the engine with which models are laid beside a run; the comparators look every `dt_s`."""
-    return FastEngine(dt_s, threads=1, quiet_high_pass=_QUIET_HIGH_PASS, steady_leak=True)
+    return FastEngine(dt_s, threads=1, quiet_high_pass=_QUIET_HIGH_PASS, steady_leak=True, stepped_light=True)
 
 
 def sensors_of(task: Task) -> list[Sensor]:
@@ -75,7 +75,7 @@ def sensors_of(task: Task) -> list[Sensor]:
         if fresh:
             frame = _frame(task, index)
             recording = Recording(frame, *(taken[i].events(frame, index) for i in fresh))
-            summaries = summarise_each(recording, VIEWS, whole=task.share >= 1.0)
+            summaries = summarise_each(recording, views(), whole=task.share >= 1.0)
             for i, summary in zip(fresh, summaries, strict=True):
                 found[i].append(summary)
         for i, one in enumerate(taken):

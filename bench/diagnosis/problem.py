@@ -17,7 +17,7 @@ from bench.diagnosis.residuals import Measured, expectation, measured
 from bench.diagnosis.same_law import representatives
 from bench.diagnosis.start import Guess, guess
 from bench.diagnosis.summary import add, summarise
-from bench.diagnosis.views.registry import VIEWS
+from bench.diagnosis.views.registry import views
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -114,7 +114,7 @@ class Problem:
         blur_s
             How differently the sensor and the simulation may cut time, s: latencies are compared no finer.
         """
-        seen = [summarise(Recording(Frame(p), p.events()), VIEWS) for p in points]
+        seen = [summarise(Recording(Frame(p), p.events()), views()) for p in points]
         found = measured(seen)
         if blur_s > 0.0:
             found = replace(found, labels=_blurred(found.labels, found.ratio, blur_s))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import namedtuple
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from traceback import extract_tb
 from typing import TYPE_CHECKING, Any, Final
 
 from protocols.errors import InputError
+from protocols.user_module import failure
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sim_backend.pixel.chain import Chain
     from sim_backend.pixel.effects.base import Effect
 
-__all__ = ["COMPILED", "HOOKS", "Hook", "Hooks", "called", "failure", "has_hooks", "refused", "with_hooks"]
+__all__ = ["COMPILED", "HOOKS", "Hook", "Hooks", "called", "has_hooks", "refused", "with_hooks"]
 
 #: Hooks that are compiled, because they are called for samples or events of single pixels.
 COMPILED: Final = ("response", "receptor_hz", "noise_rms", "leak", "thresholds", "refractory")
@@ -96,13 +96,6 @@ def called(hook: Hook, *args: Any) -> Any:
 def refused(hook: Hook, value: str, expected: str) -> InputError:
     """Return the error that a hook gave a value that cannot be used."""
     return InputError(f"{hook} gave {value}; expected {expected}")
-
-
-def failure(error: BaseException, file: str, otherwise: str) -> str:
-    """Return an error in a user's file as one line, with the last line of `file` that it passed through."""
-    lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
-    text = " ".join(str(error).split())
-    return f"{f'{file}:{lines[-1]}' if lines else otherwise}: {type(error).__name__}: {text}".removesuffix(": ")
 
 
 def _hook(effect: Effect, name: str) -> Hook:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-import linecache
 import re
-import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
 from protocols.errors import InputError, Problem
-from protocols.files import read_text
+from protocols.user_module import classes_of, place_of, run_file
 from sim_backend.pixel.effects.base import STAGES, Effect
-from sim_backend.pixel.hooks import COMPILED, HOOKS, Hooks, failure, with_hooks
+from sim_backend.pixel.hooks import COMPILED, HOOKS, Hooks, with_hooks
 
 if TYPE_CHECKING:
     import os
@@ -55,14 +53,12 @@ def read_effect_file(path: str | os.PathLike[str]) -> EffectSource:
         The file cannot be read or run, has no effect in it, or one that cannot be used; one line with file and line.
     """
     source = str(path)
-    text = read_text(path)
-    module = _run(text, source, Path(path).resolve())
-    classes = [v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__]
-    effects = tuple(dict.fromkeys(c for c in classes if issubclass(c, Effect)))
+    module, text = run_file(path, "effects")
+    effects = classes_of(module, Effect)
     if not effects:
         raise InputError(Problem("has no effect in it; expected a class derived from Effect", source))
     for cls in effects:
-        check_effect_class(cls, _place(cls, source))
+        check_effect_class(cls, place_of(cls, source))
         _compile_hooks(cls)
     where = Path(path).resolve()
     sha256 = hashlib.sha256(where.read_bytes()).hexdigest()
@@ -82,29 +78,6 @@ def check_effect_class(cls: type[Effect], place: str) -> None:
             effect.check_bounds(f"effect {cls.id}")
     except InputError as error:
         raise InputError(*(f"{place}: {p.message}" for p in error.problems)) from None
-
-
-def _run(text: str, source: str, path: Path) -> ModuleType:
-    """Return the file as a module; its name depends on its path alone, so that another process finds the same."""
-    name = f"evs_bench_user_effects_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}"
-    module = ModuleType(name)
-    module.__file__ = str(path)
-    before = sys.modules.get(name)
-    sys.modules[name] = module  # a dataclass looks itself up there, and so does pickle
-    linecache.checkcache(source)
-    try:
-        exec(compile(text, source, "exec", dont_inherit=True), vars(module))  # noqa: S102 - the user named this file to be run
-    except BaseException as error:
-        sys.modules.pop(name)
-        if before is not None:
-            sys.modules[name] = before
-        if isinstance(error, SyntaxError) and error.filename == source:
-            line, column = error.lineno or 0, error.offset or 0
-            raise InputError(Problem(f"is no Python: {error.msg}", source, line, column)) from None
-        if isinstance(error, Exception | SystemExit):
-            raise InputError(failure(error, source, source)) from error
-        raise
-    return module
 
 
 def _problems(cls: type[Effect]) -> Iterator[str]:
@@ -141,14 +114,6 @@ def _arguments(function: Any) -> int:
 
 def _names(function: Any) -> str:
     return ", ".join(inspect.signature(function).parameters)
-
-
-def _place(cls: type[Any], source: str) -> str:
-    """Return file and line of a class."""
-    try:
-        return f"{source}:{inspect.getsourcelines(cls)[1]}"
-    except OSError:
-        return source
 
 
 def _compile_hooks(cls: type[Effect]) -> None:

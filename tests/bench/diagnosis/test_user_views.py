@@ -1,0 +1,127 @@
+"""A view in a file of one's own looks beside the others; what is wrong with one is told in a line."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.recording import Frame, Recording
+from bench.diagnosis.summary import summarise
+from bench.diagnosis.views.registry import (
+    VIEWS,
+    forget_view_files,
+    load_view_files,
+    same_views,
+    views,
+)
+from protocols.errors import InputError
+from sim_backend.pixel import PixelModel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Make = tuple[Callable[..., Any], Callable[..., Any]]
+
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "how-to" / "write-a-view.md"
+HEAD = "from bench.diagnosis.views.base import Statistic, View\nimport numpy as np\n"
+SHORT = HEAD + 'class Mine(View):\n    id = "mine"\n    title = "mine"\n    def look(self, recording):\n'
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> Iterator[None]:
+    yield
+    forget_view_files()
+
+
+def file_with(folder: Path, text: str) -> Path:
+    path = folder / "my_view.py"
+    path.write_text(text)
+    return path
+
+
+def documented(folder: Path) -> Path:
+    found = re.search(r"^# file: late_answers.py\n(.*?)^```", DOCUMENT.read_text(), re.MULTILINE | re.DOTALL)
+    assert found is not None
+    return file_with(folder, found[1])
+
+
+def taken_at(make: Make, pixel: PixelModel) -> Any:
+    """Return a point that a sensor has taken, around its threshold: some answers come late."""
+    point, take = make
+    return take([point(0, 0.32)], pixel, 3).taken[0]
+
+
+PIXEL = PixelModel(noise_rms=0.045, corner_hz=50.0, theta_on=0.3, theta_off=0.3, refractory_s=8e-3)
+
+
+def test_the_documented_view_counts_late_answers(tmp_path: Path, make: Make) -> None:
+    load_view_files([documented(tmp_path)])
+    assert [v.id for v in views()] == [*(v.id for v in VIEWS), "late_answers"]
+    point = taken_at(make, PIXEL)
+    recording = Recording(Frame(point), point.events())
+    found = summarise(recording, views())
+    mine = [i for i, label in enumerate(found.labels) if label.view == "late_answers"]
+    assert len(mine) == len(recording.groups) > 0
+    assert sum(found.top[mine]) > 0
+    for i, answers in zip(mine, recording.groups, strict=True):
+        late = np.nansum(answers.latency_s > 0.5 * answers.test.width_s)
+        assert found.top[i] == late
+        assert found.bottom[i] == answers.answered.sum()
+
+
+def test_another_process_looks_with_the_same(tmp_path: Path) -> None:
+    assert same_views() is None
+    path = documented(tmp_path)
+    load_view_files([path])
+    setup = pickle.loads(pickle.dumps(same_views()))  # noqa: S301 - our own bytes
+    forget_view_files()
+    setup()
+    assert views()[-1].id == "late_answers"
+    path.write_text(path.read_text() + "\n# changed\n")
+    with pytest.raises(InputError, match="is another file for this worker"):
+        setup()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1\n", "has no view in it; expected a class derived from View"),
+        (HEAD + "class Mine(View):\n    id = 'Mine!'\n", r"my_view.py:3: Mine: id is 'Mine!'"),
+        (HEAD + "class Mine(View):\n    id = 'mine'\n", "Mine: has no title"),
+        (HEAD + "class Mine(View):\n    id = 'mine'\n    title = 'm'\n", "Mine: does not look"),
+        (SHORT.replace('"mine"', '"response"') + "        yield 1\n", "the id response is taken"),
+        ("def f(:\n", r"my_view.py:1:\d+: is no Python"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_view_files([file_with(tmp_path, text)])
+    assert views() == VIEWS
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("        yield 1 / 0\n", r"my_view.py:7: ZeroDivisionError"),
+        ("        yield 3\n", "yielded int; expected Statistic"),
+        (
+            "        yield Statistic('up', 'mean', np.ones(recording.pixels), np.ones(recording.pixels))\n",
+            "part 'up'",
+        ),
+        ("        yield Statistic('on', 'mean', np.ones(3), np.ones(3))\n", "top has 3 numbers; expected"),
+        (
+            "        yield Statistic('on', 'mean', np.full(recording.pixels, np.nan), np.ones(recording.pixels))\n",
+            "expected one finite number",
+        ),
+    ],
+)
+def test_what_goes_wrong_in_it_is_one_line(tmp_path: Path, make: Make, body: str, message: str) -> None:
+    load_view_files([file_with(tmp_path, SHORT + body)])
+    point = taken_at(make, PIXEL)
+    with pytest.raises(InputError, match=message):
+        summarise(Recording(Frame(point), point.events()), views())
