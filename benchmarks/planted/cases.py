@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -126,6 +126,7 @@ class Case:
             "engine": "reference" if self.reference else "fast",
             "dt_s": self.dt_s,
             "points": self.plan.points,
+            "plan": asdict(self.plan),
         }
 
 

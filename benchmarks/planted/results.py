@@ -6,12 +6,16 @@ import json
 import os
 from typing import TYPE_CHECKING, Any
 
+from benchmarks.planted.sizes import Sizes
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["append", "finished", "read"]
+    from benchmarks.planted.cases import Case
+
+__all__ = ["append", "finished", "known_sizes", "read"]
 
 
 def append(path: Path, record: dict[str, Any]) -> None:
@@ -56,6 +60,12 @@ def finished(path: Path, seed: int) -> set[str]:
     if others:
         raise InputError(f"{path}: holds cases of seed {min(others)}, not {seed}; name another file with --results")
     return {r["name"] for r in records}
+
+
+def known_sizes(path: Path, cases: Sequence[Case]) -> dict[str, Sizes]:
+    """Return the sizes that are in a file, by name, of those cases that are still what they were."""
+    truths = {case.name: json.loads(json.dumps(case.to_dict())) for case in cases}
+    return {r["name"]: Sizes(**r["sizes"]) for r in read(path) if truths.get(r["name"]) == r["truth"]}
 
 
 def _ends_whole(path: Path) -> bool:

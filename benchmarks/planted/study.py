@@ -5,6 +5,7 @@ the report is written of the cases that are finished::
 
     python -m benchmarks.planted --only none --limit 10     ten cases with nothing planted
     python -m benchmarks.planted --report                   the report alone
+    python -m benchmarks.planted --sizes-only               the sizes of the effects, which any later study knows then
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from typing import TYPE_CHECKING, Final
 from bench.compute import Workforce
 from bench.run.software import revision
 from benchmarks.planted.cases import KINDS, cases
-from benchmarks.planted.results import append, finished, read
-from benchmarks.planted.trial import Trial, run_trial
+from benchmarks.planted.results import append, finished, known_sizes, read
+from benchmarks.planted.trial import Trial, run_sizes, run_trial
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,14 +68,19 @@ def run_study(
     workers: int = 1,
     tell: Callable[[str], None] = print,
     trial: Callable[[Trial], dict[str, Any]] = run_trial,
+    sizes: Path | None = None,
+    again: bool = False,
 ) -> int:
     """Run the cases that are not in the file of results yet; return how many failed.
 
-    A case that fails is told, and tried again when the study is run again; the others go on.
+    A case that fails is told, and tried again when the study is run again; the others go on. Sizes that are known do
+    not depend on how a diagnosis searches, but on its views: they are read from the file `sizes`, and what is found
+    out is added there. With `again` no case counts as finished.
     """
     results.parent.mkdir(parents=True, exist_ok=True)
-    done = finished(results, seed)
-    left = [Trial(c, seed, _revision()) for c in chosen if c.name not in done]
+    done = set() if again else finished(results, seed)
+    known = known_sizes(sizes, chosen) if sizes is not None else {}
+    left = [Trial(c, seed, _revision(), known=known.get(c.name)) for c in chosen if c.name not in done]
     tell(f"{len(chosen) - len(left)} of {len(chosen)} cases were finished before")
     begin, count, failed = time.monotonic(), 0, 0
     with Workforce(workers).open(tell) as executor:
@@ -86,6 +92,8 @@ def run_study(
                 tell(f"{count}/{len(left)}  {left[index].case.name}: failed: {record['failed']}")
                 continue
             append(results, record)
+            if sizes is not None and left[index].known is None:
+                append(sizes, {k: record[k] for k in ("name", "study_seed", "truth", "sizes")})
             tell(f"{count}/{len(left)}  {_line(left[index].case, record)}; {left_min:.0f} min left")
     return failed
 
@@ -108,7 +116,13 @@ def main(arguments: list[str]) -> int:
     asked = _parser().parse_args(arguments)
     try:
         chosen = wanted(asked.seed, asked.only, asked.limit)
-        failed = 0 if asked.report else run_study(chosen, asked.results, asked.seed, asked.workers, _tell)
+        sizes = asked.results.with_name("sizes.jsonl")
+        if asked.sizes_only:
+            left = [c for c in chosen if c.name not in known_sizes(sizes, chosen)]
+            return int(run_study(left, sizes, asked.seed, asked.workers, _tell, run_sizes, again=True) > 0)
+        failed = 0 if asked.report else run_study(
+            chosen, asked.results, asked.seed, asked.workers, _tell, sizes=sizes
+        )  # fmt: skip
         records = read(asked.results)
         if not records:
             raise InputError(f"{asked.results}: no finished cases")
@@ -129,6 +143,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--workers", type=int, default=1, help="cases that run side by side")
     parser.add_argument("--results", type=Path, default=_RESULTS, help="file of finished cases; it is gone on with")
     parser.add_argument("--docs", type=Path, default=_DOCS, help="folder for the report")
+    parser.add_argument("--sizes-only", action="store_true", help="find the sizes of effects, diagnose nothing")
     parser.add_argument("--report", action="store_true", help="write the report of what is finished, and run nothing")
     return parser
 
@@ -136,10 +151,12 @@ def _parser() -> argparse.ArgumentParser:
 def _line(case: Case, record: dict[str, Any]) -> str:
     from benchmarks.planted.score import score
 
-    found = score(record["truth"], record["diagnosis"])
-    named = ", ".join("/".join(g) for g in found.groups) or "nothing"
     sizes = record["sizes"]["size"]
     planted = ", ".join(f"{e} ({sizes[e]:.1f})" if e in sizes else e for e in case.planted) or "nothing"
+    if "diagnosis" not in record:
+        return f"{case.name}: {planted}"
+    found = score(record["truth"], record["diagnosis"])
+    named = ", ".join("/".join(g) for g in found.groups) or "nothing"
     return f"{case.name}: {planted} -> {named}, {found.verdict}, {record['seconds']:.0f} s"
 
 

@@ -16,7 +16,7 @@ from benchmarks.planted.sizes import Sizes, sizes_of
 if TYPE_CHECKING:
     from benchmarks.planted.cases import Case
 
-__all__ = ["MOST", "Trial", "diagnose_run", "run_trial"]
+__all__ = ["MOST", "Trial", "diagnose_run", "run_sizes", "run_trial"]
 
 MOST: Final = 3  #: effects that a diagnosis adds at the most
 
@@ -29,12 +29,13 @@ class Trial:
     study_seed: int
     revision: str
     sizes: bool = True  #: whether the sizes of the effects are wanted, too
+    known: Sizes | None = None  #: what they were found to be before
 
 
 def run_trial(trial: Trial) -> dict[str, Any]:
     """Return the record of a case: truth, sizes, what the diagnosis said, and how long it took."""
     case = trial.case
-    sizes = sizes_of(case, mimics=case.kind == "outside") if trial.sizes else Sizes({})
+    sizes = trial.known or (sizes_of(case, mimics=case.kind == "outside") if trial.sizes else Sizes({}))
     with tempfile.TemporaryDirectory(prefix="planted-") as folder:
         run = make_run(case, Path(folder) / case.name)
         begin = time.monotonic()
@@ -49,6 +50,15 @@ def run_trial(trial: Trial) -> dict[str, Any]:
         "seconds": round(seconds, 2),
         "diagnosis": found,
     }
+    plain: dict[str, Any] = json.loads(json.dumps(_finite(record)))
+    return plain
+
+
+def run_sizes(trial: Trial) -> dict[str, Any]:
+    """Return the record of the sizes of a case."""
+    case = trial.case
+    sizes = sizes_of(case, mimics=case.kind == "outside")
+    record = {"name": case.name, "study_seed": trial.study_seed, "truth": case.to_dict(), "sizes": asdict(sizes)}
     plain: dict[str, Any] = json.loads(json.dumps(_finite(record)))
     return plain
 

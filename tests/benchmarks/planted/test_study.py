@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -10,12 +11,11 @@ import pytest
 from benchmarks.planted.report import write_report
 from benchmarks.planted.results import append, finished, read
 from benchmarks.planted.study import main, run_study, wanted
+from benchmarks.planted.trial import Trial
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from benchmarks.planted.trial import Trial
 
 
 def record(trial: Trial) -> dict[str, Any]:
@@ -60,6 +60,45 @@ def test_finished_cases_are_not_run_again(tmp_path: Path) -> None:
     run_study(chosen, results, 1, tell=tell_nobody, trial=trial)
     assert sorted(asked) == sorted(c.name for c in chosen)
     assert finished(results, 1) == {c.name for c in chosen}
+
+
+def test_sizes_are_found_once(tmp_path: Path) -> None:
+    """A later study knows them, but for cases that are no longer what they were."""
+    sizes = tmp_path / "sizes.jsonl"
+    chosen = wanted(1, only=["single"], limit=2)
+    run_study(chosen, tmp_path / "first.jsonl", 1, tell=tell_nobody, trial=record, sizes=sizes)
+    known: dict[str, Any] = {}
+
+    def trial(one: Trial) -> dict[str, Any]:
+        known[one.case.name] = one.known
+        return record(one)
+
+    run_study(chosen, tmp_path / "second.jsonl", 1, tell=tell_nobody, trial=trial, sizes=sizes)
+    assert {name: one.size for name, one in known.items()} == {
+        c.name: record(Trial(c, 1, ""))["sizes"]["size"] for c in chosen
+    }
+    assert len(read(sizes)) == len(sizes.read_text().splitlines()) == 2
+    changed = [replace(chosen[0], dt_s=2e-5), chosen[1]]
+    run_study(changed, tmp_path / "third.jsonl", 1, tell=tell_nobody, trial=trial, sizes=sizes)
+    assert known[chosen[0].name] is None
+    assert known[chosen[1].name] is not None
+
+
+def test_sizes_alone_are_found_again_where_a_case_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def sizes(one: Trial) -> dict[str, Any]:
+        asked.append(one.case.name)
+        found = record(one)
+        return {key: found[key] for key in ("name", "study_seed", "truth", "sizes")}
+
+    monkeypatch.setattr("benchmarks.planted.study.run_sizes", sizes)
+    arguments = ["--sizes-only", "--only", "single-000", "--results", str(tmp_path / "results.jsonl")]
+    for seed in ("1", "1", "2", "1"):
+        assert main([*arguments, "--seed", seed]) == 0
+    assert asked == ["single-000"] * 3  # of the second seed it is another case, in the same file
 
 
 def test_a_torn_line_is_ignored_and_its_case_run_again(tmp_path: Path) -> None:
