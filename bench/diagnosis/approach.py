@@ -12,7 +12,7 @@ import numpy as np
 from bench.diagnosis import robust
 from bench.diagnosis.cloud import Cloud, Place, around
 from bench.diagnosis.fitted import prior_precision
-from bench.diagnosis.looks import expect_roughly, later
+from bench.diagnosis.looks import delays, expect_roughly, later
 from bench.diagnosis.parameters import ALIGNMENT
 from bench.diagnosis.steps import inside, longest_of, shown
 
@@ -153,6 +153,7 @@ class _Way:
         self._problem, self._model, self._slots, self._start, self._seed = problem, model, slots, start, seed
         self._precision = prior_precision(slots)
         self._offset = np.array([s.free.owner == ALIGNMENT for s in slots])
+        self._delays = np.array([delays(s.free) for s in slots])
         self._rng = np.random.default_rng(seed)
         self.cloud = Cloud(known.places)
         self._wrong = 0.0
@@ -248,10 +249,13 @@ class _Way:
         return found
 
     def _lines(self) -> Lines:
-        """Return the lines about the best place; of a time offset they are known exactly."""
+        """Return the lines about the best place; of what makes events later they are known for latencies."""
         here = self._here
         lines = self.cloud.lines(here.at, longest_of(self._slots, here.at), _WITHIN * self._reach)
-        lines.slope[:, self._offset] = later(self._problem, here.expected)[:, None]
+        late = later(self._problem, here.expected)[:, None]
+        lines.slope[:, self._offset] = late
+        # A delay does more than that: the dead time begins later.
+        lines.slope[:, self._delays] = np.where(late != 0.0, late, lines.slope[:, self._delays])
         lines.chance[self._offset, :] = 0.0
         lines.chance[:, self._offset] = 0.0
         return lines

@@ -6,17 +6,19 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.parameters import Free
+from sim_backend.pixel.effects.base import Effect
 from sim_backend.pixel.effects.registry import effects
+from sim_backend.pixel.hooks import COMPILED
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from bench.diagnosis.parameters import Scale
     from bench.store.data import PointData
-    from sim_backend.pixel.effects.base import Effect
     from sim_backend.pixel.model import PixelModel
 
 __all__ = [
+    "DELAYS",
     "NEEDS_KNOWN_THRESHOLDS",
     "RARE",
     "TWINS",
@@ -82,6 +84,9 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "trail_filter": (("window_s", "linear", 0.02, 1.0),),
 }
 
+#: Numbers that make all events later, each by itself; what else they do is little.
+DELAYS: Final = frozenset({("comparator_delay", "delay_s")})
+
 #: Numbers that only shape what another one switches on.
 _SHAPES: Final = frozenset(
     {
@@ -91,23 +96,36 @@ _SHAPES: Final = frozenset(
     }
 )
 
-#: Time that a simulation takes, beside that of the base pixel; a user's effect may go sample by sample.
+#: Time that a simulation takes, beside that of the base pixel.
 _COST: Final[dict[str, float]] = {
-    "light_rise_time": 4.0,
-    "light_drift": 9.0,
-    "light_flicker": 11.0,
-    "shot_noise": 30.0,
-    "photoreceptor_bandwidth": 4.0,
+    "light_rise_time": 2.0,
+    "light_drift": 1.5,
+    "light_flicker": 5.0,
+    "shot_noise": 50.0,
+    "photoreceptor_bandwidth": 12.0,
     "low_frequency_noise": 3.0,
-    "high_pass": 9.0,
-    "leak": 2.0,
+    "high_pass": 2.0,
+    "leak": 1.5,
 }
+#: and how much longer it is with flicker, beside what has more than one low-pass.
+_WITH_FLICKER: Final = 3.0
+_MORE_POLES: Final = frozenset({"shot_noise", "photoreceptor_bandwidth", "low_frequency_noise"})
+#: Functions that are called for single samples; and an effect of a user's own that has none.
+_COST_OF_HOOKS: Final = 500.0
 _COST_OF_A_USER: Final = 30.0
 
 
 def cost_of(model: PixelModel) -> float:
     """Return about how long the model takes beside the base pixel."""
-    return max((_COST.get(e.id, 1.0 if e.id in _FITTED else _COST_OF_A_USER) for e in model.effects), default=1.0)
+    ids = [e.id for e in model.effects]
+    cost = max((_cost_of_one(e) for e in model.effects), default=1.0)
+    return cost * _WITH_FLICKER if "light_flicker" in ids and not _MORE_POLES.isdisjoint(ids) else cost
+
+
+def _cost_of_one(effect: Effect) -> float:
+    if effect.id in _FITTED:
+        return _COST.get(effect.id, 1.0)
+    return _COST_OF_A_USER if set(COMPILED).isdisjoint(effect.hooks()) else _COST_OF_HOOKS
 
 
 def least_share(model: PixelModel) -> float:
@@ -115,22 +133,30 @@ def least_share(model: PixelModel) -> float:
 
     It is all of them where the model shows in what pixels do to each other, and many where it is in few pixels.
     """
-    if any(e.id in _OF_ARRAY or e.id not in _FITTED for e in model.effects):
+    if any(_couples_pixels(e) for e in model.effects):
         return 1.0
     return _MANY if any(e.id in _OF_FEW for e in model.effects) else 0.0
 
 
-#: Light, or a level, that never rests; and what has a memory of its own: together they go sample by sample, which is
-#: hundreds of times as slow. One is not looked for beside the other.
+def _couples_pixels(effect: Effect) -> bool:
+    """Return whether pixels know of each other: a user's effect does not if it is made of functions of a pixel."""
+    if effect.id in _FITTED:
+        return effect.id in _OF_ARRAY
+    return type(effect).apply is not Effect.apply or not set(effect.hooks()) <= {*COMPILED, "light"}
+
+
+#: Light, or a level, that never rests.
 _RESTLESS: Final = frozenset({"light_drift", "light_flicker", "high_pass"})
-_REMEMBERS: Final = frozenset({"shot_noise", "photoreceptor_bandwidth", "low_frequency_noise"})
 
 
-def _takes_hours(one: str, other: str) -> bool:
-    return (one in _RESTLESS and other in _REMEMBERS) or (one in _REMEMBERS and other in _RESTLESS)
+def _takes_hours(ids: Collection[str]) -> bool:
+    """Return whether effects together go sample by sample, hundreds of times as slow: they are not looked for so."""
+    if {"high_pass", "low_frequency_noise"} <= set(ids):
+        return True
+    return "light_rise_time" in ids and not _RESTLESS.isdisjoint(ids) and not _MORE_POLES.isdisjoint(ids)
 
 
-#: Effects that couple pixels; of a user's effect it is not known.
+#: Effects that couple pixels.
 _OF_ARRAY: Final = frozenset({"crosstalk", "readout_saturation", "event_rate_limit"})
 #: Few pixels have it: among less than a quarter of them there may be none.
 _OF_FEW: Final = frozenset({"hot_pixels"})
@@ -202,7 +228,7 @@ def candidates(
             continue
         if effect_id == "nd_error" and not filtered:
             continue
-        if any(_takes_hours(effect_id, e.id) for e in model.effects):
+        if _takes_hours([effect_id, *(e.id for e in model.effects)]):
             continue
         found.append(effect)
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -48,6 +49,8 @@ ALPHA: Final = 0.01
 #: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
 _FAR_OFF: Final = 1.3
 _SHORTLIST: Final = 3
+#: If none on it is worth adding, the next ones are; so many in all.
+_SHORTLISTS: Final = 2
 #: Above this one, effects are gross: each does something else at another size.
 _GROSS: Final = 4.0
 #: Only effects are on it that are expected to explain at least so much of what the first of them does.
@@ -60,6 +63,10 @@ _SURE: Final = 0.75
 _NEARLY: Final = 1.5
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
 _EXPLAINED: Final = 5.0
+#: Where something is left that nothing explains, other ways are tried, at the most so many: with an effect that took
+#: away more than this share of what the one that was added did.
+_DETOURS: Final = 2
+_NEARLY_AS_WELL: Final = 0.5
 #: Predicted separation, in standard errors, below which two effects cannot be told apart.
 _TIED: Final = 2.0
 _IN_A_TIE: Final = 3
@@ -86,6 +93,7 @@ class _State:
         self.refitted: dict[str, Found] = {}
         self.tied: tuple[str, ...] = ()
         self.proposal: str | None = None
+        self.chosen = False  #: whether a proposal was looked for
 
 
 class Diagnosis:
@@ -175,8 +183,9 @@ class Diagnosis:
     def proposal(self) -> str | None:
         """The effect that the data ask for most; None if none is significant."""
         state = self._all()[-1]
-        if state.proposal is None and not state.refitted:
+        if not state.chosen:
             self._choose(state)
+            state.chosen = True
         return state.proposal
 
     def add(self, effect_id: str) -> Step:
@@ -209,12 +218,9 @@ class Diagnosis:
         """Add what is missing, step by step, until nothing more is significant; drop what is needless."""
         if self.findings:
             return self.outcome()
-        while len(self._all()) <= most:
-            proposal = self.proposal
-            if proposal is None:
-                break
-            self.add(proposal)
-            self._drop()
+        self._go_on(most)
+        if not self._is_explained(self._states[-1]):
+            self._try_others(most)
         return self.outcome()
 
     def outcome(self) -> Outcome:
@@ -238,6 +244,56 @@ class Diagnosis:
             remainder=remainder_of(self.problem, last) if last is not None and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
         )
+
+    def _go_on(self, most: int) -> None:
+        """Add what is missing until nothing more is significant."""
+        while len(self._all()) <= most:
+            proposal = self.proposal
+            if proposal is None:
+                break
+            self.add(proposal)
+            self._drop()
+
+    def _try_others(self, most: int) -> None:
+        """Go back to where another effect did nearly as well, and on from there; keep what explains the run, if any.
+
+        While several effects are missing, one that is not may do best at first, and leave what nothing explains.
+        """
+        known = self._states
+        for depth, other in self._others(known)[:_DETOURS]:
+            self._say(f"step {depth + 1}: another way, with {other.effect}")
+            self._states = [*known[:depth], self._proposing(known[depth], other.effect)]
+            share = self._share(known[depth], other)
+            self._states = [*self._states, self._look(other.fit, other.effect, share)]
+            self._drop()
+            self._go_on(most)
+            if self._is_explained(self._states[-1]):
+                return
+        self._states = known
+
+    def _proposing(self, state: _State, effect_id: str) -> _State:
+        """Return the state with another proposal; it is tied with what is the same to a pixel."""
+        other = copy(state)
+        ids = [one.effect.id for one in state.scores.probes if one.effect.id != effect_id]
+        other.proposal = effect_id
+        other.tied = tuple(name for name in ids if are_the_same(name, effect_id, self.problem.points))
+        return other
+
+    def _others(self, states: Sequence[_State]) -> list[tuple[int, Found]]:
+        """Return effects that did nearly as well as what was added, and the step before; the last step first."""
+        found = []
+        for depth, (before, after) in reversed(list(enumerate(pairwise(states)))):
+            tried = {after.added, before.proposal, *before.tied}
+            known = [f for f in before.refitted.values() if f.effect not in tried and self._may_be_added(f)]
+            known.sort(key=lambda f: f.deviance)
+            found += [(depth, f) for f in known if self._share(before, f) > _NEARLY_AS_WELL * after.fall]
+        return found
+
+    def _may_be_added(self, found: Found) -> bool:
+        return self._is_coarse(found.fit, found.effect) and not needless(self.problem, found.fit, found.effect)
+
+    def _is_explained(self, state: _State) -> bool:
+        return excess(self.problem, state.fit) <= _EXPLAINED
 
     def _all(self) -> list[_State]:
         """Return the states, of which there is at least one."""
@@ -269,40 +325,49 @@ class Diagnosis:
 
     def _choose(self, state: _State) -> None:
         """Find the effect that is worth adding, and those that cannot be told from it."""
+        names = self._promising(state)
+        if not self._far_off(state.fit):
+            self._propose(state, names[:1])
+            return
+        for first in range(0, len(names), _SHORTLIST):
+            if first < _SHORTLISTS * _SHORTLIST and state.proposal is None:
+                self._propose(state, self._with_twins(state, names[first : first + _SHORTLIST]))
+
+    def _promising(self, state: _State) -> list[str]:
+        """Return the effects that are significant, the most promising first."""
         scores = state.scores
         significant = [
             i for i in range(len(scores.probes))
             if scores.p_best[i] < ALPHA and scores.drop[i] > _LEAST_FALL and self._can_judge(scores, i)
         ]  # fmt: skip
         if not significant:
-            return
+            return []
         far_off = self._far_off(state.fit)
         significant.sort(key=lambda i: -scores.drop[i] if far_off else scores.p_value[i])
         enough = _PROMISING * scores.drop[significant[0]] if far_off else -math.inf
-        names = [scores.probes[i].effect.id for i in significant if scores.drop[i] >= enough]
-        shortlist = names[: _SHORTLIST if far_off else 1]
-        if far_off:
-            known = {one.effect.id for one in scores.probes}
-            twins = [TWINS[name] for name in shortlist if name in TWINS]
-            shortlist += [name for name in twins if name in known and name not in shortlist]
+        return [scores.probes[i].effect.id for i in significant if scores.drop[i] >= enough]
+
+    def _with_twins(self, state: _State, names: Sequence[str]) -> list[str]:
+        known = {one.effect.id for one in state.scores.probes} - state.refitted.keys()
+        twins = [TWINS[name] for name in names if name in TWINS]
+        return [*names, *(name for name in dict.fromkeys(twins) if name in known and name not in names)]
+
+    def _propose(self, state: _State, shortlist: Sequence[str]) -> None:
+        """Propose the best of some effects once they are refitted, if it is worth adding."""
+        far_off = self._far_off(state.fit)
         refitted = self._refitted(state, shortlist)
-        found = [
-            f for f in refitted if self._is_coarse(f.fit, f.effect) and not needless(self.problem, f.fit, f.effect)
-        ]
-        if not found:
+        found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
+        if not found or (far_off and self._share(state, found[0]) < _WORTH):
             return
-        refused = {f.effect for f in refitted} - {f.effect for f in found}
-        found.sort(key=lambda f: f.deviance)
         best = found[0]
-        if far_off and self._share(state, best) < _WORTH:
-            return
-        tied = (
-            best.effect,
-            *self._tied(state, best, found, [n for n in shortlist if n not in refused] if far_off else ()),
-        )
-        # Of effects that are the same to the data, the more usual one is proposed.
+        refused = {f.effect for f in refitted} - {f.effect for f in found}
+        rivals = [name for name in shortlist if name not in refused] if far_off else ()
+        tied = (best.effect, *self._tied(state, best, found, rivals))
+        # Of effects that are the same to the data, the more usual one is proposed. While something else is missing,
+        # what tells an effect from its twin may be that.
         good = {f.effect for f in found if f.deviance <= _AS_GOOD * best.deviance}
-        state.proposal = next((name for name in tied if name not in RARE and name in good), best.effect)
+        alike = tied if excess(self.problem, best.fit) <= _EXPLAINED else (*tied, TWINS.get(best.effect, best.effect))
+        state.proposal = next((name for name in alike if name not in RARE and name in good), best.effect)
         state.tied = tuple(name for name in tied if name != state.proposal)
 
     def _refitted(self, state: _State, effect_ids: Sequence[str]) -> list[Found]:
@@ -400,13 +465,14 @@ class Diagnosis:
                 ),
             )  # fmt: skip
             self._states = kept[:-1]
-            self._states.append(self._look(again, last.added, last.fall))
+            share = self._share(self._states[-1], Found(last.added or "", again, deviance(self.problem, again)))
+            self._states.append(self._look(again, last.added, share))
 
     def _verdict(self, states: Sequence[_State]) -> tuple[Verdict, tuple[str, ...]]:
         if self.findings:
             return "data_not_fit_to_judge", ()
         named = tuple(s.added for s in states[1:] if s.added is not None)
-        if excess(self.problem, states[-1].fit) <= _EXPLAINED:
+        if self._is_explained(states[-1]):
             return ("explained" if named else "nothing_missing"), named
         # Effects that leave much behind may only have mimicked what no catalogue knows.
         nearly = deviance(self.problem, states[-1].fit) / freedom(states[-1].fit) < _NEARLY

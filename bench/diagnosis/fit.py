@@ -57,7 +57,7 @@ _SHORTER: Final = 0.3
 _SHARP: Final = 0.4
 _BLUNT: Final = 0.15
 _MOVED: Final = 60.0
-_FARTHEST: Final = 0.3
+_FARTHEST: Final = 0.5
 #: A loss is known to about this: where no more was promised, and it did not fall, the fit is there.
 _DOUBTFUL: Final = 15.0
 #: The longest last step, beside the longest of all.
@@ -79,8 +79,9 @@ def finish(problem: Problem, near: Approach) -> Fit:
     # A model that is far off is not worth the effort.
     close = near.loss < _HOPELESS * len(problem.measured.labels)
     ways = _directions(near)
-    samples = samples_around(problem, model, slots, at, seed + 1, ways, _SHARP if close else _BLUNT)
-    fine = _FINE * (math.sqrt(cost_of(model)) if close else 1.0)
+    more = math.sqrt(cost_of(model)) if close else 1.0
+    samples = samples_around(problem, model, slots, at, seed + 1, ways, more * _SHARP if close else _BLUNT)
+    fine = more * _FINE
     simulated = problem.simulate([problem.models(model, slots, at)], seed, fine)[0]
     samples.append(sample_of(problem, at, simulated))
     here = shifted(problem, problem.expect(simulated), slots, at)

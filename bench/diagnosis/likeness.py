@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.diagnosis.catalogue import probe_of, switches
 from bench.diagnosis.probing import reliable
-from bench.diagnosis.screen import basis_of, beyond
+from bench.diagnosis.screen import basis_of, beyond, extended
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -99,7 +99,7 @@ def _apart(
     found = []
     for both in problem.changes(base, others, seed, effort):
         halves = [one.fit.whiten(half, problem.measured.points) for half in reliable(problem, one.fit, both)]
-        found.append(np.stack([beyond(basis, half[:, None])[:, 0] for half in halves]))
+        found.append(np.stack([beyond(basis, extended(one.fit, half[:, None]))[:, 0] for half in halves]))
     return found
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis import robust
+from bench.diagnosis.catalogue import DELAYS
 from bench.diagnosis.fitted import prior_precision, whiten
 from bench.diagnosis.parameters import ALIGNMENT
 
@@ -17,19 +18,26 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.parameters import Free
     from bench.diagnosis.problem import Problem, Slot
     from bench.diagnosis.residuals import Expectation
     from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["expect_roughly", "later", "loss_of", "shifted"]
+__all__ = ["delays", "expect_roughly", "later", "loss_of", "shifted"]
 
 #: Effort of one expectation on the way to the minimum.
 _ROUGH: Final = 0.06
 
 
-def later(problem: Problem, here: Expectation) -> Floats:
+def delays(free: Free) -> bool:
+    """Return whether a number makes all events later by itself: what latencies do is known, see :func:`later`."""
+    return free.owner == ALIGNMENT or (free.owner, free.name) in DELAYS
+
+
+def later(problem: Problem, here: Expectation | Fit) -> Floats:
     """Return the changes when all events come later than the stimulus says, by second: latencies are longer."""
     change = np.zeros(len(here.value))
     spread = {

@@ -14,6 +14,7 @@ import numpy as np
 
 from bench.diagnosis.catalogue import probe_of, switches
 from bench.diagnosis.judging import deviance, freedom
+from bench.diagnosis.looks import delays, later
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -66,6 +67,7 @@ class Probe:
     free: tuple[Free, ...]  #: the numbers that switch it on, each probed by itself
     at: tuple[float, ...]  #: coordinate of each
     change: Floats  #: (2, n, k) whitened change of the statistics for each, from two sensors
+    falls_by: float = 0.0  #: fall of the loss that was seen with the effect in this size, and nothing else changed
 
 
 def well_sized(
@@ -138,10 +140,14 @@ def probes_at(
             values = {**off, free.name: free.value(coordinate)}
             one = probe_of(effect, values, problem.given.get(effect.id))
             models.append(problem.of_points([m + one for m in base]))
-    changes = (reliable(problem, fit, both) for both in problem.changes(base, models, seed, effort))
+    changes = problem.changes(base, models, seed, effort)
     found = []
     for (effect, _), at in zip(wanted, places, strict=True):
-        columns = np.stack([next(changes) for _ in at], axis=2)
+        mine = [
+            _with_known(problem, fit, free, coordinate, next(changes))
+            for free, coordinate in zip(switches(effect), at, strict=True)
+        ]
+        columns = np.stack(mine, axis=2)
         whitened = np.stack([fit.whiten(half, problem.measured.points) for half in columns])
         found.append(Probe(effect, switches(effect), at, whitened))
     return found
@@ -158,20 +164,31 @@ def closer(
     return probes_at(problem, fit, wanted, seed, effort)
 
 
-def reliable(problem: Problem, fit: Fit, both: Floats) -> Floats:
+def reliable(problem: Problem, fit: Fit, both: Floats, *, whole: bool = False) -> Floats:
     """Return the change of all statistics in two sensors, (2, n), less of it where it is mostly chance.
 
     An effect shows in some views, at some lights, and everywhere else there is nothing but the chance of the
     simulation. What both sensors have in common tells how much of a family of statistics is to be believed.
 
     Source: W. James, C. Stein, "Estimation with quadratic loss", Proc. 4th Berkeley Symp. Math. Statist. Prob.
-    (1961), for each family.
+    (1961), for each family, or for all statistics as a `whole`.
     """
     a, b = np.where(fit.known, both / fit.deviation, 0.0)
-    family = problem.measured.families
-    common, whole = (np.bincount(family, weights=w) for w in (a * b, (0.5 * (a + b)) ** 2))
-    believed = np.clip(np.divide(common, whole, out=np.zeros_like(common), where=whole > 0.0), 0.0, 1.0)
+    family = np.zeros_like(problem.measured.families) if whole else problem.measured.families
+    common, mean = (np.bincount(family, weights=w) for w in (a * b, (0.5 * (a + b)) ** 2))
+    believed = np.clip(np.divide(common, mean, out=np.zeros_like(common), where=mean > 0.0), 0.0, 1.0)
     return np.asarray(both * believed[family])
+
+
+def _with_known(problem: Problem, fit: Fit, free: Free, coordinate: float, both: Floats) -> Floats:
+    """Return the reliable change of all statistics; what is known of it is no matter of chance.
+
+    Beside that there is hardly anything: the rest is to be believed as a whole, or not.
+    """
+    if not delays(free):
+        return reliable(problem, fit, both)
+    known = coordinate * later(problem, fit)
+    return np.asarray(known + reliable(problem, fit, both - known, whole=True))
 
 
 def _coordinate(free: Free, factor: float) -> float:

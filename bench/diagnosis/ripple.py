@@ -12,11 +12,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.line import sharpened_hz
+from bench.diagnosis.stimulus_bins import POLARITIES, bins_of, counts_of, period_s
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     import numpy.typing as npt
 
+    from bench.diagnosis.stimulus_bins import Bins
     from bench.store.data import PointData
 
     Floats = npt.NDArray[np.float64]
@@ -43,51 +47,17 @@ _BESIDE_HZ: Final = 100.0
 #: recording tells apart has about so many times as many chances.
 _CHANCE: Final = 1e-3
 _BETWEEN: Final = 3.0
+#: Lines of which one is the ripple, others what pulses make of it, at the most.
+_LINES: Final = 40
 #: Of answers: standard deviations by which a line is above the others.
 _STANDS_OUT: Final = 8.0
-#: With fewer pulses nothing repeats; the first period is not like the others, as nothing came before it.
-_PULSES: Final = 8
-_FIRST: Final = 1
-_LINE: Final = 2
-#: and they repeat to this, s.
-_REPEATS_S: Final = 1e-5
-_POLARITIES: Final = 2
-
-
-@dataclass(frozen=True)
-class _Bins:
-    """Bins of a recording; those of one column of all rows are at the same place of the stimulus."""
-
-    begin_s: float  #: of the first
-    width_s: float
-    rows: int  #: periods of the stimulus; of constant light 1
-    columns: int
-
-    @property
-    def count(self) -> int:
-        return self.rows * self.columns
-
-    def of(self, t_us: Ints) -> Ints:
-        """Return the bin of each time, -1 for those outside."""
-        index = np.floor((t_us * 1e-6 - self.begin_s) / self.width_s).astype(np.int64)
-        return np.where((index >= 0) & (index < self.count), index, -1)
-
-    def beyond_stimulus(self, values: Floats) -> Floats:
-        """Return (..., bins) values less mean and straight line of the same place in all periods."""
-        if self.rows == 1:
-            return np.asarray(values - values.mean(axis=-1, keepdims=True))
-        place = np.linspace(-1.0, 1.0, self.rows)
-        basis, _ = np.linalg.qr(np.stack([np.ones_like(place), place], axis=1))
-        each = values.reshape(*values.shape[:-1], self.rows, self.columns)
-        left = each - np.einsum("ij,kj,...kb->...ib", basis, basis, each)
-        return np.asarray(left.reshape(values.shape))
 
 
 @dataclass(frozen=True)
 class Lock:
     """How events of a recording go with a ripple, beyond what comes with the stimulus."""
 
-    bins: _Bins
+    bins: Bins
     ripple: npt.NDArray[np.complex128]  #: (bins,) of amplitude 1, beyond the stimulus
 
     @property
@@ -102,9 +72,9 @@ class Lock:
 
     def amplitude(self, chunks: Iterable[npt.NDArray[np.void]]) -> npt.NDArray[np.complex128]:
         """Return (2,) the amplitude with which events of each polarity go with the ripple, OFF before ON."""
-        found = np.zeros(_POLARITIES, np.complex128)
+        found = np.zeros(POLARITIES, np.complex128)
         for events in chunks:
-            for polarity in range(_POLARITIES):
+            for polarity in range(POLARITIES):
                 found[polarity] += self.of(events["t"][events["p"] == polarity]).sum()
         return found
 
@@ -123,7 +93,7 @@ def locked(point: PointData, frequency_hz: float) -> Lock | None:
 
     None where the stimulus is neither steady nor repeats, and where the ripple comes back with it.
     """
-    bins = _bins(point, 1.0 / (_BINS_OF_FOUND * frequency_hz))
+    bins = bins_of(point, 1.0 / (_BINS_OF_FOUND * frequency_hz))
     if bins is None:
         return None
     t = bins.begin_s + (np.arange(bins.count) + 0.5) * bins.width_s
@@ -153,31 +123,18 @@ def ripple_hz(points: Sequence[PointData]) -> float | None:
     longest = max((p.duration_s for p in points), default=1.0)
     at = np.arange(_LOWEST_HZ, _HIGHEST_HZ, min(_APART_HZ, _FINER / longest))
     steady, pulsed = ([p for p in points if bool(len(p.pulse_start_s)) == pulses] for pulses in (False, True))
-    found = _of_background(steady, at)
-    return found if found is not None else _of_answers(pulsed, at)
+    lines = _of_background(steady, at) or _of_answers(pulsed, at)
+    return sharpened_hz(points, lines) if lines else None
 
 
-def _bins(point: PointData, width_s: float) -> _Bins | None:
-    """Return bins of about a width: of a recording under constant light, or of whole periods of the stimulus."""
-    if not len(point.pulse_start_s):
-        return _Bins(0.0, width_s, 1, max(int(point.duration_s / width_s), 1))
-    period = _period_s(point)
-    if period is None:
-        return None
-    columns = max(math.ceil(period / width_s - 1e-9), 1)
-    begin = float(point.pulse_start_s[0]) + _FIRST * period
-    rows = int((point.duration_s - begin) / period + 1e-9)
-    return _Bins(begin, period / columns, rows, columns) if rows > _LINE else None
-
-
-def _of_background(points: Sequence[PointData], at: Floats) -> float | None:
-    """Return the strongest line of all points together, each beside chance in its neighbourhood."""
+def _of_background(points: Sequence[PointData], at: Floats) -> list[float]:
+    """Return the strongest lines of all points together, each beside chance in its neighbourhood."""
     spectra = [s / _nearby(s, at) for point in points for s in _spectra(point, at)]
-    return _line(spectra, points, at) if spectra else None
+    return _lines(spectra, points, at) if spectra else []
 
 
-def _line(spectra: Sequence[Floats], points: Sequence[PointData], at: Floats) -> float | None:
-    """Return the strongest line of spectra whose median is 1; None if chance makes one as strong.
+def _lines(spectra: Sequence[Floats], points: Sequence[PointData], at: Floats) -> list[float]:
+    """Return the strongest lines of spectra whose median is 1, Hz; none if chance makes one as strong as the first.
 
     Powers of chance are exponential, so their sum over n spectra is a gamma variable of shape n.
     """
@@ -187,7 +144,12 @@ def _line(spectra: Sequence[Floats], points: Sequence[PointData], at: Floats) ->
     best = int(np.argmax(total))
     tried = _BETWEEN * (_HIGHEST_HZ - _LOWEST_HZ) * max(point.duration_s for point in points)
     p = float(gamma.sf(total[best], len(spectra))) * tried
-    return float(round(at[best], 4)) if p < _CHANCE else None
+    if p >= _CHANCE:
+        return []
+    higher = (total[1:-1] > total[:-2]) & (total[1:-1] >= total[2:])
+    tops = 1 + np.flatnonzero(higher)
+    strongest = tops[np.argsort(-total[tops], kind="stable")[:_LINES]]
+    return [float(at[i]) for i in dict.fromkeys([best, *strongest])]
 
 
 def _nearby(spectrum: Floats, at: Floats) -> Floats:
@@ -198,8 +160,8 @@ def _nearby(spectrum: Floats, at: Floats) -> Floats:
     return np.asarray(np.interp(at, middles, medians))
 
 
-def _of_answers(points: Sequence[PointData], at: Floats) -> float | None:
-    """Return the line that stands out of the sum of all spectra.
+def _of_answers(points: Sequence[PointData], at: Floats) -> list[float]:
+    """Return the lines of the sum of all spectra, if the strongest stands out.
 
     With pulses of one period alone it would be that of the stimulus, or any other.
     """
@@ -209,35 +171,22 @@ def _of_answers(points: Sequence[PointData], at: Floats) -> float | None:
     for point in points:
         mine = _spectra(point, at)
         spectra += [s / np.median(s) for s in mine]
-        periods |= {round(_period_s(point) or 0.0, 4)} if mine else set()
+        periods |= {round(period_s(point) or 0.0, 4)} if mine else set()
     if len(periods) <= 1:
-        return None
+        return []
     total = np.sum(spectra, axis=0)
     above = float(np.max(total) - np.median(total))
     # What lasts from pulse to pulse makes spectra of answers rougher than chance.
     stands_out = above > _STANDS_OUT * median_abs_deviation(total, scale="normal")
-    return _line(spectra, points, at) if stands_out else None
-
-
-def _period_s(point: PointData) -> float | None:
-    """Return the period of the stimulus, two pulses; None if it does not repeat."""
-    apart = point.pulse_start_s[2:] - point.pulse_start_s[:-2]
-    if len(point.pulse_start_s) < _PULSES or float(np.ptp(apart)) > _REPEATS_S:
-        return None
-    return float(apart[0])
+    return _lines(spectra, points, at) if stands_out else []
 
 
 def _spectra(point: PointData, at: Floats) -> list[Floats]:
     """Return the power at some frequencies of each polarity that has enough events."""
-    bins = _bins(point, 1.0 / (_BINS * _HIGHEST_HZ))
+    bins = bins_of(point, 1.0 / (_BINS * _HIGHEST_HZ))
     if bins is None:
         return []
-    counts = np.zeros((_POLARITIES, bins.count))
-    for events in point.events():
-        index = bins.of(events["t"])
-        for polarity in range(_POLARITIES):
-            mine = index[(index >= 0) & (events["p"] == polarity)]
-            counts[polarity] += np.bincount(mine, minlength=bins.count)
+    counts = counts_of(point, bins)
     # Zeros behind the end: the spectrum is looked at more finely than the recording is long.
     n = max(round(1.0 / ((at[1] - at[0]) * bins.width_s)), bins.count)
     frequency = np.fft.rfftfreq(n, bins.width_s)

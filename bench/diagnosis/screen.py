@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.explaining import explain
+from bench.diagnosis.explaining import Explained, explain
+from bench.diagnosis.fitted import prior_precision
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Scores", "basis_of", "beyond", "score"]
+__all__ = ["Scores", "basis_of", "beyond", "extended", "score"]
 
 #: A direction that is shorter, in standard errors, is none.
 _INVISIBLE: Final = 1e-3
@@ -51,8 +52,16 @@ def beyond(basis: Floats, columns: Floats) -> Floats:
     return columns - basis @ (basis.T @ columns)
 
 
+def extended(fit: Fit, columns: Floats) -> Floats:
+    """Return whitened columns, (n, m), with a row for what is known beforehand of each free number: (n + k, m).
+
+    It is an observation like others; directions of effects do not show in it.
+    """
+    return np.concatenate([columns, np.zeros((len(fit.slots), columns.shape[1]))])
+
+
 def basis_of(fit: Fit, problem: Problem, more: Sequence[Floats] = (), without: str = "") -> Floats:
-    """Return orthonormal columns: what the free numbers of a fit can take up.
+    """Return orthonormal columns: what the free numbers of a fit can take up, see :func:`extended`.
 
     Parameters
     ----------
@@ -62,8 +71,9 @@ def basis_of(fit: Fit, problem: Problem, more: Sequence[Floats] = (), without: s
         An effect whose numbers are not counted.
     """
     counted = [slot.free.owner != without for slot in fit.slots]
-    j = fit.whiten(fit.jacobian.mean(axis=0)[:, counted], problem.measured.points)
-    j = np.column_stack([j, *more])
+    j = fit.whiten(fit.jacobian.mean(axis=0), problem.measured.points)
+    j = np.concatenate([j, np.diag(np.sqrt(prior_precision(fit.slots)))])[:, counted]
+    j = np.column_stack([j, *(extended(fit, column[:, None]) for column in more)])
     lengths = np.linalg.norm(j, axis=0)
     u, s, _ = np.linalg.svd(j[:, lengths > 0.0] / lengths[lengths > 0.0], full_matrices=False)
     return np.asarray(u[:, s > 1e-6])
@@ -94,9 +104,10 @@ def score(
     basis = basis_of(fit, problem, [column for one in beside for column in one.change.mean(axis=0).T])
     jacobian = fit.whiten(fit.jacobian.mean(axis=0), problem.measured.points)
     alone = explain(fit, jacobian, residual, None).fall
-    tried = [explain(fit, jacobian, residual, one) for one in probes]
-    rest = beyond(basis, residual[:, None])[:, 0]
-    spans = [[beyond(basis, one.change[s]) for s in range(2)] for one in probes]
+    tried = [_or_seen(explain(fit, jacobian, residual, one), one, alone) for one in probes]
+    before = np.sqrt(prior_precision(fit.slots)) * (fit.start - fit.x)
+    rest = beyond(basis, np.concatenate([residual, before])[:, None])[:, 0]
+    spans = [[beyond(basis, extended(fit, one.change[s])) for s in range(2)] for one in probes]
     means = [0.5 * (a + b) for a, b in spans]
     rest /= math.sqrt(fit.common)
     drop = np.array([max(found.fall - alone, 0.0) for found in tried])
@@ -114,6 +125,13 @@ def score(
         seen=np.array([math.sqrt(max(float(np.sum(a * b)), 0.0)) for a, b in spans]),
         likeness=_likeness(spans, [found.size for found in tried]),
     )
+
+
+def _or_seen(expected: Explained, one: Probe, alone: float) -> Explained:
+    """Return what is expected of an effect; what was seen of it instead if that is more."""
+    if one.falls_by <= expected.fall - alone:
+        return expected
+    return Explained(np.zeros_like(expected.base), np.array(one.at), alone + one.falls_by)
 
 
 def _score(one: Probe, mean: Floats, product: Floats) -> float:

@@ -7,13 +7,17 @@ it is looked at in that size, is not what is missing.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis import robust
 from bench.diagnosis.catalogue import switches
 from bench.diagnosis.explaining import BEYOND, explain
+from bench.diagnosis.judging import freedom
 from bench.diagnosis.probing import WELL_SEEN, closer, probes_at, seen_of, well_sized
+from bench.diagnosis.seen import best_seen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,6 +42,8 @@ _PROMISING: Final = 8
 _ROUNDS: Final = 3
 _TOO_LARGE: Final = 0.5
 _AT_MOST: Final = 4.0
+#: A share of what is too much in the loss is enough to go on with.
+_ENOUGH: Final = 0.5
 #: Where what may be missing is small, so many of the most promising are looked at closer, with this effort.
 _CLOSER: Final = 5
 _CLOSER_EFFORT: Final = 2.0
@@ -80,6 +86,26 @@ def _of_gross(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed:
         again = closer(problem, fit, [found[i] for i in others], [factors[i] for i in others], seed, _FAR_EFFORT)
         for i, one in zip(others, again, strict=True):
             found[i] = one
+    return _with_what_is_seen(problem, fit, found, seed)
+
+
+def _with_what_is_seen(
+    problem: Problem, fit: Fit, probes: Sequence[Probe], seed: int
+) -> list[Probe]:  # fmt: skip
+    """Return the probes; where lines tell nothing that explains much, those of sizes that are seen to explain more.
+
+    What sets in beyond some size, as a dead time that becomes longer than a pulse does, is no line from nothing.
+    """
+    found = list(probes)
+    falls = _expected(problem, fit, probes)[1]
+    loss = robust.loss(fit.whiten(fit.residual, problem.measured.points))
+    if max(falls, default=0.0) > _ENOUGH * (loss - freedom(fit)):
+        return found
+    seen = best_seen(problem, fit, [one.effect for one in probes], seed)
+    better = [i for i, (one, fall) in enumerate(zip(seen, falls, strict=True)) if one.fall > fall]
+    wanted = [(found[i].effect, (seen[i].factor,) * len(found[i].at)) for i in better]
+    for i, one in zip(better, probes_at(problem, fit, wanted, seed, _FAR_EFFORT), strict=True):
+        found[i] = replace(one, falls_by=seen[i].fall)
     return found
 
 
@@ -91,9 +117,10 @@ def _other_size(one: Probe, share: Floats) -> Floats:
 
 
 def _expected(problem: Problem, fit: Fit, probes: Sequence[Probe]) -> tuple[list[Floats], list[float]]:
-    """Return the expected size of each effect, beside that of its probe, without sign; and what each explains."""
+    """Return the expected size of each effect, beside that of its probe, without sign; and what only it explains."""
     points = problem.measured.points
     residual, jacobian = fit.whiten(fit.residual, points), fit.whiten(fit.jacobian.mean(axis=0), points)
     found = [explain(fit, jacobian, residual, one) for one in probes]
     shares = [np.abs(expected.size / np.asarray(one.at)) for one, expected in zip(probes, found, strict=True)]
-    return shares, [expected.fall for expected in found]
+    alone = explain(fit, jacobian, residual, None).fall
+    return shares, [max(expected.fall - alone, 0.0) for expected in found]

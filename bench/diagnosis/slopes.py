@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.diagnosis.looks import later
+from bench.diagnosis.looks import delays, later
 from bench.diagnosis.parameters import ALIGNMENT
 from bench.diagnosis.steps import inside
 
@@ -68,9 +68,11 @@ def slopes(
     """Return (2, n, k) the slopes of straight lines through samples, for each of the two sensors.
 
     Samples count by the number of simulated pixels, less beyond the directions in which was looked, where lines are
-    not straight. What a time offset changes is known.
+    not straight. What later events do to latencies is known; a time offset is not in the samples.
     """
     offset = np.array([slot.free.owner == ALIGNMENT for slot in slots])
+    delayed = np.array([delays(slot.free) for slot in slots]) & ~offset
+    late = later(problem, here)
     away = np.stack([s.at - at for s in samples]) @ np.linalg.pinv(directions).T
     beyond = np.maximum(np.sum(away**2, axis=1) - 1.0, 0.0)
     weight = np.array([s.recordings for s in samples]) * np.exp(-0.5 * beyond)
@@ -79,8 +81,10 @@ def slopes(
     scale = np.array([1.0, *np.maximum(np.abs(directions).max(axis=1)[~offset], 1e-300)])
     back = np.linalg.pinv(root * columns * scale) * root[:, 0]
     out = np.zeros((2, len(here.value), len(slots)))
-    out[:, :, offset] = later(problem, here)[:, None]
     for half in range(2):
-        values = np.stack([s.halves[half] for s in samples])
+        values = np.stack([s.halves[half] - np.sum((s.at - at)[delayed]) * late for s in samples])
         out[half][:, ~offset] = ((back @ values) * scale[:, None])[1:].T
+    # What a delay does to anything but latencies, by the dead time that begins later, is not known.
+    for i in np.flatnonzero(offset | delayed):
+        out[:, :, i] = np.where(late != 0.0, late, out[:, :, i])
     return out

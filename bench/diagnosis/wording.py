@@ -327,7 +327,9 @@ def pattern_text(one: Pattern) -> str:
 
 def remainder_text(one: Remainder) -> str:
     """Return where something is left that nothing explains."""
-    return f"{one.where}, along {one.axis.replace('_', ' ')}: {one.size:.2g} ({one.z:+.1f} sigma)"
+    axis = one.axis.replace("_", " ")
+    size, z = significant(one.size), significant(one.z)
+    return f"{axis} {one.where}: rms {size} standard errors, {z} sigma beyond chance"
 
 
 def significant(value: float) -> str:

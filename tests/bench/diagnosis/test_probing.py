@@ -30,6 +30,15 @@ def test_a_family_is_believed_as_far_as_two_sensors_agree() -> None:
     assert share[1] < 4.0 * 2.0 / np.sqrt(N / 2)
 
 
+def test_what_is_hardly_there_is_believed_as_a_whole_or_not() -> None:
+    """Of pure chance a family of its own may keep some; of all statistics together next to nothing is left."""
+    both = RNG.standard_normal((2, N))
+    left = reliable(PROBLEM, FIT, both, whole=True).mean(axis=0)
+    assert np.linalg.norm(left) < 4.0 * 2.0 / np.sqrt(N) * np.linalg.norm(both.mean(axis=0))
+    change = np.full(N, 5.0)
+    assert reliable(PROBLEM, FIT, np.stack([change, change]), whole=True) == pytest.approx(np.stack([change, change]))
+
+
 def test_a_probe_is_as_large_as_what_is_left() -> None:
     leak = effects()["leak"]
     residual = np.full(N, 3.0)

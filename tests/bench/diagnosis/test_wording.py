@@ -62,11 +62,13 @@ def test_nothing_missing_says_what_would_have_been_seen(nothing_missing: Outcome
 def test_every_verdict_is_one_sentence(explained: Outcome) -> None:
     bad = replace(explained, verdict="data_not_fit_to_judge", findings=("point 3: 12 gaps", "saturated"))
     assert verdict_line(bad) == "verdict: the data are not fit to be judged: point 3: 12 gaps; saturated"
-    part = replace(explained, verdict="unexplained", remainder=(Remainder("time", "second half", 0.03, 6.1),))
+    part = replace(explained, verdict="unexplained", remainder=(Remainder("pulse_width", "20.5 ms", 2.5, 6.1),))
     assert "unexplained. With dark_current (or stray_light) the error fell from 41.7 to 1.06, but" in verdict_line(
         part
     )
-    assert "        left over: second half, along time: 0.03 (+6.1 sigma)" in lines_of(part)
+    assert "        left over: pulse width 20.5 ms: rms 2.50 standard errors, 6.10 sigma beyond chance" in lines_of(
+        part
+    )
     none = replace(explained, verdict="unexplained", missing=(), steps=explained.steps[:1])
     assert verdict_line(none) == "verdict: unexplained. No known effect explains the error of 41.7."
     two = replace(explained, missing=("dark_current", "leak"))

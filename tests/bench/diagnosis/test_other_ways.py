@@ -1,0 +1,117 @@
+"""Where nothing explains a run, other ways are tried; with made-up fits."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from bench.diagnosis.diagnosis import Diagnosis
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def found(effect: str, deviance: float) -> Any:
+    return SimpleNamespace(effect=effect, deviance=deviance, fit=effect)
+
+
+class MadeUp(Diagnosis):
+    """Each effect leaves what the table says, and the way with it goes on with what belongs to it."""
+
+    def __init__(self, left: dict[tuple[str, ...], float], rivals: Sequence[Any]) -> None:
+        self.left = left
+        self.rivals = rivals
+        self.findings = ()
+        self._say = lambda _: None
+        self._states = [self._look("base", None, 0.0)]
+        self._states[0].refitted = {f.effect: f for f in rivals}
+
+    def way(self, states: Sequence[Any]) -> tuple[str, ...]:
+        return tuple(s.added for s in states[1:])
+
+    def _look(self, fitted: Any, added: str | None, fall: float) -> Any:
+        return SimpleNamespace(
+            fit=fitted, added=added, fall=fall, refitted={}, proposal=None, tied=(), scores=SimpleNamespace(probes=())
+        )
+
+    def _go_on(self, most: int) -> None:
+        longer = [way for way in self.left if way[:-1] == self.way(self._states) and way]
+        if longer and len(self._states) <= most:
+            self._states.append(self._look(longer[0][-1], longer[0][-1], 0.9))
+            self._go_on(most)
+
+    def _is_explained(self, state: Any) -> bool:
+        return self.left.get(self.way(self._states), 9.0) < 1.1
+
+    def _drop(self) -> None:
+        """Nothing turns out to be needless."""
+
+    def _share(self, state: Any, other: Any) -> float:
+        return 1.0 - float(other.deviance)
+
+    def _may_be_added(self, found: Any) -> bool:
+        return True
+
+    def outcome(self) -> Any:
+        return self.way(self._states)
+
+
+def way_of(left: dict[tuple[str, ...], float], most: int = 3) -> tuple[str, ...]:
+    way: Any = MadeUp(left, RIVALS).run(most)
+    return tuple(way)
+
+
+RIVALS = [found("light_drift", 0.1), found("leak", 0.3), found("crosstalk", 0.8)]
+
+
+def test_the_way_that_explains_the_run_is_kept() -> None:
+    assert way_of({("light_drift",): 1.7, ("leak", "low_frequency_noise"): 1.0}) == ("leak", "low_frequency_noise")
+
+
+def test_the_first_way_is_kept_where_none_explains_the_run() -> None:
+    assert way_of({("light_drift",): 1.7, ("leak", "low_frequency_noise"): 1.3}) == ("light_drift",)
+
+
+def test_what_took_much_less_away_is_not_tried() -> None:
+    assert way_of({("light_drift",): 1.7, ("crosstalk",): 1.0}) == ("light_drift",)
+
+
+def test_nothing_else_is_tried_where_the_run_is_explained() -> None:
+    assert way_of({("light_drift",): 1.0, ("leak",): 0.9}) == ("light_drift",)
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_other_ways_are_no_longer_than_asked(most: int) -> None:
+    expected = ("leak", "low_frequency_noise") if most == 2 else ("light_drift",)
+    assert way_of({("light_drift",): 1.7, ("leak", "low_frequency_noise"): 1.0}, most) == expected
+
+
+def test_what_is_needless_on_another_way_is_taken_out() -> None:
+    """The first effect stands in for the one that another way adds."""
+
+    class Needless(MadeUp):
+        def _drop(self) -> None:
+            if self.way(self._states) == ("light_drift", "leak"):
+                self._states = [self._states[0], self._states[2]]
+
+    left = {("light_drift",): 2.0, ("light_drift", "crosstalk"): 1.7, ("leak",): 1.0}
+    made = Needless(left, [])
+    look = made._look
+
+    def with_rival(fitted: Any, added: str | None, fall: float) -> Any:
+        state = look(fitted, added, fall)
+        state.refitted = {"leak": found("leak", 0.1)} if added == "light_drift" else {}
+        return state
+
+    made._look = with_rival  # type: ignore[method-assign]
+    way: Any = made.run()
+    assert way == ("leak",)
+
+
+def test_what_was_proposed_or_tied_is_no_other_way() -> None:
+    made = MadeUp({("light_drift",): 1.7, ("leak",): 1.0}, RIVALS)
+    made._states[0].tied = ("leak",)
+    way: Any = made.run()
+    assert way == ("light_drift",)
