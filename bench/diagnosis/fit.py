@@ -57,7 +57,7 @@ _SHORTER: Final = 0.3
 _SHARP: Final = 0.4
 _BLUNT: Final = 0.15
 _MOVED: Final = 60.0
-_FARTHEST: Final = 0.5
+_FARTHEST: Final = 0.3
 #: A loss is known to about this: where no more was promised, and it did not fall, the fit is there.
 _DOUBTFUL: Final = 15.0
 #: The longest last step, beside the longest of all.

@@ -43,7 +43,7 @@ _ROUNDS: Final = 3
 _TOO_LARGE: Final = 0.5
 _AT_MOST: Final = 4.0
 #: A share of what is too much in the loss is enough to go on with.
-_ENOUGH: Final = 0.5
+_ENOUGH: Final = 0.1
 #: Where what may be missing is small, so many of the most promising are looked at closer, with this effort.
 _CLOSER: Final = 5
 _CLOSER_EFFORT: Final = 2.0
