@@ -17,7 +17,7 @@ from protocols.files import read_text
 if TYPE_CHECKING:
     import os
 
-__all__ = ["classes_of", "failure", "place_of", "run_file"]
+__all__ = ["classes_of", "failure", "place_of", "run_file", "sha256_of"]
 
 
 def run_file(path: str | os.PathLike[str], kind: str) -> tuple[ModuleType, str]:
@@ -77,3 +77,8 @@ def failure(error: BaseException, file: str, otherwise: str) -> str:
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
     text = " ".join(str(error).split())
     return f"{f'{file}:{lines[-1]}' if lines else otherwise}: {type(error).__name__}: {text}".removesuffix(": ")
+
+
+def sha256_of(file: Path) -> str:
+    """Return the SHA-256 of a file, hexadecimal."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()

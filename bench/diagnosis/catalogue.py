@@ -28,6 +28,7 @@ __all__ = [
     "free_of",
     "least_share",
     "probe_of",
+    "sized",
     "switches",
 ]
 
@@ -209,6 +210,13 @@ def probe_of(
     """
     usual = {f.name: f.probe for f in free_of(effect)}
     return effect(**{**usual, **(given or {}), **(at or {})})
+
+
+def sized(effect: type[Effect], factor: float, given: Mapping[str, float] | None = None) -> Effect:
+    """Return the effect at so many times the catalogue's coordinates, within the bounds; see :func:`probe_of`."""
+    free = switches(effect)
+    at = {f.name: f.value(min(max(factor * f.coordinate(f.probe), f.range[0]), f.range[1])) for f in free}
+    return probe_of(effect, at, given)
 
 
 def candidates(

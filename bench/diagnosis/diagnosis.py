@@ -74,7 +74,7 @@ _IN_A_TIE: Final = 3
 _AS_GOOD: Final = 1.1
 #: Two effects are only confused when one explains at least so much of what the other does.
 _AS_WELL: Final = 0.5
-#: What is known of the free numbers beforehand is not in the p-values: the loss, in which it is, falls by so much.
+#: The loss, in which large residuals count by their size, falls by so much, too.
 _LEAST_FALL: Final = 4.0
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
 _LOOKS: Final = 2.0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import probe_of, switches
+from bench.diagnosis.catalogue import sized, switches
 from bench.diagnosis.probing import reliable
 from bench.diagnosis.screen import basis_of, beyond, extended
 
@@ -61,13 +61,10 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
     without = fit.model.without(one.effect)
     shared = [(slot, x) for slot, x in zip(fit.slots, fit.x, strict=True) if slot.free.owner != one.effect]
     slots, numbers = [slot for slot, _ in shared], [x for _, x in shared]
-    usual = np.array([f.coordinate(f.probe) for f in switches(other)])
     signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(other)) else (1.0,)
 
     def models(factor: float) -> list[PixelModel]:
-        at = zip(switches(other), factor * usual, strict=True)
-        values = {f.name: f.value(float(np.clip(x, *f.range))) for f, x in at}
-        return problem.models(without + probe_of(other, values, problem.given.get(other.id)), slots, numbers)
+        return problem.models(without + sized(other, factor, problem.given.get(other.id)), slots, numbers)
 
     tried = [sign * f for f in _SIZES for sign in signs]
     looks = _apart(problem, one, basis, [models(f) for f in tried], seed, _ROUGH)

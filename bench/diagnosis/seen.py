@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-import numpy as np
-
 from bench.diagnosis import robust
-from bench.diagnosis.catalogue import probe_of, switches
+from bench.diagnosis.catalogue import sized, switches
 from bench.diagnosis.fitted import whiten
 from bench.diagnosis.looks import shifted
 
@@ -18,7 +16,6 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from sim_backend.pixel.effects.base import Effect
-    from sim_backend.pixel.model import PixelModel
 
 __all__ = ["Seen", "best_seen"]
 
@@ -38,7 +35,8 @@ def best_seen(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed:
     """Return for each effect the size that lowers the loss most, while all other numbers stay."""
     base = problem.models(fit.model, fit.slots, fit.x)
     tried = [(number, factor) for number, effect in enumerate(effects) for factor in _factors(effect)]
-    models = [_models(problem, base, effects[number], factor) for number, factor in tried]
+    ones = [sized(effects[n], factor, problem.given.get(effects[n].id)) for n, factor in tried]
+    models = [problem.of_points([m + one for m in base]) for one in ones]
     here, *there = (
         shifted(problem, problem.expect(sensors), fit.slots, fit.x)
         for sensors in problem.glance([base, *models], seed, _EFFORT)
@@ -57,12 +55,3 @@ def best_seen(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed:
 def _factors(effect: type[Effect]) -> tuple[float, ...]:
     signed = all(free.range[0] < 0.0 for free in switches(effect))
     return (*_SIZES, *(-f for f in _SIZES)) if signed else _SIZES
-
-
-def _models(problem: Problem, base: Sequence[PixelModel], effect: type[Effect], factor: float) -> list[PixelModel]:
-    values = {
-        free.name: free.value(float(np.clip(factor * free.coordinate(free.probe), *free.range)))
-        for free in switches(effect)
-    }
-    one = probe_of(effect, values, problem.given.get(effect.id))
-    return problem.of_points([m + one for m in base])

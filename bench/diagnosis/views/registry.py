@@ -19,8 +19,9 @@ from bench.diagnosis.views.latency import Latency, LatencySpread, SecondEvent
 from bench.diagnosis.views.locked import Locked
 from bench.diagnosis.views.response import ExtraEvents, OtherPolarity, Response
 from bench.diagnosis.views.scatter import CommonMode, Halves, PixelSpread, Succession
-from bench.diagnosis.views.user_file import read_view_file, sha256_of
+from bench.diagnosis.views.user_file import read_view_file
 from protocols.errors import InputError
+from protocols.user_module import sha256_of
 
 if TYPE_CHECKING:
     import os

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from bench.diagnosis.views.base import Kind, Part, Statistic, View
 from protocols.errors import InputError, Problem
-from protocols.user_module import classes_of, failure, place_of, run_file
+from protocols.user_module import classes_of, failure, place_of, run_file, sha256_of
 
 if TYPE_CHECKING:
     import os
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.recording import Recording
 
-__all__ = ["ViewSource", "read_view_file", "sha256_of"]
+__all__ = ["ViewSource", "read_view_file"]
 
 _ID: Final = re.compile(r"[a-z][a-z0-9_]*")
 
@@ -92,11 +91,6 @@ def read_view_file(path: str | os.PathLike[str]) -> ViewSource:
     views = tuple(_Own(_made(cls, place_of(cls, source)), source) for cls in classes)
     where = Path(path).resolve()
     return ViewSource(str(where), sha256_of(where), views)
-
-
-def sha256_of(file: Path) -> str:
-    """Return the SHA-256 of a file, hexadecimal."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _made(cls: type[View], place: str) -> View:

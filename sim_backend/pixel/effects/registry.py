@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 from functools import cache
 from importlib.metadata import entry_points
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from protocols.errors import InputError
+from protocols.user_module import sha256_of
 from sim_backend.pixel.effects.base import Effect
 from sim_backend.pixel.effects.comparator_delay import ComparatorDelay
 from sim_backend.pixel.effects.contrast_error import ContrastError
@@ -134,7 +134,7 @@ def effect_source(effect_id: str) -> EffectSource | None:
 def _load(path: str | os.PathLike[str]) -> EffectSource:
     where = Path(path).resolve()
     loaded = _FILES.get(where)
-    if loaded is not None and where.is_file() and _sha256(where) == loaded.sha256:
+    if loaded is not None and where.is_file() and sha256_of(where) == loaded.sha256:
         return loaded
     found = read_effect_file(path)
     others = {c.id: f"of {s.name}" for key, s in _FILES.items() if key != where for c in s.classes}
@@ -177,11 +177,7 @@ def _plug_in(point: EntryPoint) -> EffectSource:
     check_effect_class(cls, owner)
     file = inspect.getsourcefile(cls)
     package = f"{point.dist.name} {point.dist.version}" if point.dist else point.value.partition(":")[0]
-    return EffectSource(point.name, "entry point", _sha256(Path(file)) if file else "", (cls,), package)
-
-
-def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    return EffectSource(point.name, "entry point", sha256_of(Path(file)) if file else "", (cls,), package)
 
 
 def effect_class(effect_id: str) -> type[Effect]:

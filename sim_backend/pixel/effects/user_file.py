@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import re
 from dataclasses import dataclass, fields
@@ -11,7 +10,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
 from protocols.errors import InputError, Problem
-from protocols.user_module import classes_of, place_of, run_file
+from protocols.user_module import classes_of, place_of, run_file, sha256_of
 from sim_backend.pixel.effects.base import STAGES, Effect
 from sim_backend.pixel.hooks import COMPILED, HOOKS, Hooks, with_hooks
 
@@ -61,8 +60,7 @@ def read_effect_file(path: str | os.PathLike[str]) -> EffectSource:
         check_effect_class(cls, place_of(cls, source))
         _compile_hooks(cls)
     where = Path(path).resolve()
-    sha256 = hashlib.sha256(where.read_bytes()).hexdigest()
-    return EffectSource(source, "file", sha256, effects, path=str(where), text=text)
+    return EffectSource(source, "file", sha256_of(where), effects, path=str(where), text=text)
 
 
 def check_effect_class(cls: type[Effect], place: str) -> None:
