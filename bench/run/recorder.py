@@ -159,6 +159,7 @@ class Recorder:
     def _attributes(self, planned: PlannedPoint) -> dict[str, Any]:
         point = planned.point
         reset = point.timing.reset_log_contrast if isinstance(point.timing, ResetTestTiming) else None
+        calibration = self._station.calibration
         return {
             "measurement": point.measurement,
             "ambient": point.ambient,
@@ -166,6 +167,8 @@ class Recorder:
             "reset_log_contrast": reset,
             "nd_id": planned.filter_name,
             "nd_transmission": self._transmission(planned.filter_name),
+            "nd_uncertainty": calibration.filters[planned.filter_name].uncertainty,
+            "lux_uncertainty": calibration.light_uncertainty,
         }
 
     def _transmission(self, filter_name: str) -> float | None:

@@ -153,8 +153,11 @@ class _Assembly:
         return Calibration(
             clear_lux_per_level=section.light.clear_lux_per_level,
             levels=light.limits,
-            filters={name: CalibratedFilter(f.nd_od, f.transmission) for name, f in section.filters.items()},
+            filters={
+                name: CalibratedFilter(f.nd_od, f.transmission, f.uncertainty) for name, f in section.filters.items()
+            },
             bias_map=self._known["$bias_map"],
+            light_uncertainty=section.light.uncertainty,
         )
 
     def _compare(self, light: LightSource, wheel: FilterWheel, camera: EventCamera) -> None:

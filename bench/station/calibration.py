@@ -29,6 +29,7 @@ class CalibratedFilter:
 
     nd_od: float  #: nominal optical density
     transmission: float  #: measured
+    uncertainty: float | None = None  #: of the transmission: relative, one standard deviation; None if unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +40,7 @@ class Calibration:
     levels: Limits  #: of the source
     filters: Mapping[str, CalibratedFilter]
     bias_map: BiasMap
+    light_uncertainty: float | None = None  #: of the lux: relative, one standard deviation; None if unknown
 
     def lux_per_level(self, filter_name: str) -> float:
         """Return the illuminance on the chip per unit of the source's level behind a filter, lux.

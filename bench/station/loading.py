@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from bench.station.station import Station
 
-__all__ = ["load_station", "station_from", "stations"]
+__all__ = ["load_station", "parse_station", "station_from", "stations"]
 
 _SUFFIX: Final = ".yaml"
 
@@ -42,10 +42,10 @@ def load_station(name_or_path: str | os.PathLike[str]) -> Station:
     name = str(name_or_path)
     if name in stations():
         shipped = files("bench").joinpath("stations", name + _SUFFIX)
-        return _parse(shipped.read_text(encoding="utf-8"), f"{name}{_SUFFIX}")
+        return parse_station(shipped.read_text(encoding="utf-8"), f"{name}{_SUFFIX}")
     if not Path(name_or_path).exists():
         raise InputError(_unknown(name))
-    return _parse(read_text(name_or_path), name, Path(name_or_path).parent)
+    return parse_station(read_text(name_or_path), name, Path(name_or_path).parent)
 
 
 def station_from(resolved: Mapping[str, Any], source: str) -> Station:
@@ -71,11 +71,26 @@ def station_from(resolved: Mapping[str, Any], source: str) -> Station:
             "name its file with --station"
         )
     data = {key: value for key, value in resolved.items() if key != "identities"}
-    return _parse(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), source)
+    return parse_station(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), source)
 
 
-def _parse(text: str, source: str, folder: Path | None = None) -> Station:
-    """Return the station of a file in `folder`; without one, as in a run, there is no sealed file beside it."""
+def parse_station(text: str, source: str, folder: Path | None = None) -> Station:
+    """Return the station that `text` describes. Nothing is connected.
+
+    Parameters
+    ----------
+    text
+        A station file.
+    source
+        Its name, for messages.
+    folder
+        The folder it lies in; without one, as in a run, there is no sealed file beside it.
+
+    Raises
+    ------
+    InputError
+        With everything that is wrong in it.
+    """
     file = parse_model(text, StationFile, source)
     blind = file.sealed_world is not None
     if file.sealed_world is not None:

@@ -69,6 +69,24 @@ def test_a_run_is_what_the_protocol_asked_for(
     assert station.light._world.level == 0.0  # type: ignore[attr-defined]
 
 
+def test_points_say_how_well_their_light_is_known(
+    make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path
+) -> None:
+    station = make_station()
+    filters = dict(station.calibration.filters)
+    filters["nd2"] = replace(filters["nd2"], uncertainty=0.03)
+    station.calibration = replace(station.calibration, filters=filters, light_uncertainty=0.02)
+    run_protocol(protocol, station, tmp_path / "known")
+    run_protocol(protocol, make_station(), tmp_path / "unknown")
+    known, unknown = (Run.open(tmp_path / name).points() for name in ("known", "unknown"))
+    told = [(point.attributes["lux_uncertainty"], point.attributes.get("nd_uncertainty")) for point in known]
+    behind = [0.03 if planned.nd_od == 2.0 else None for planned in protocol.protocol.expand()]
+    assert told == [(0.02, sd) for sd in behind]
+    assert behind.count(0.03) == 1
+    for point in unknown:
+        assert not {"lux_uncertainty", "nd_uncertainty"} & set(point.attributes)
+
+
 def test_each_edge_has_its_trigger(make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path) -> None:
     run_protocol(protocol, make_station(), tmp_path / "run")
     point = next(Run.open(tmp_path / "run").points())
