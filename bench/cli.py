@@ -38,6 +38,7 @@ _COMMANDS: Final = {
     "resume": "Take the rest of a simulated run that was stopped.",
     "rerun": "Take a simulated run once more: the same events again.",
     "analyze": "Turn a run into S-curves, thresholds and background rates.",
+    "characterize": "Turn runs into the numbers of a sensor: threshold, dark light, noise, bandwidth, mismatch.",
     "compare": "Fit a pixel model to a run, and show where they disagree.",
     "diagnose": "Say which effects a pixel model of a run lacks, add them, watch the error fall.",
     "report": "Make the report of a run: one HTML file, figures and tables.",
@@ -46,6 +47,7 @@ _COMMANDS: Final = {
     "challenge": "Diagnose a simulated station of which nobody is told what it is.",
     "effects": "List the physical effects that a pixel model may have; explain one.",
     "calibrate-noise": "Find the noise that gives a background rate.",
+    "photometry": "Turn meter readings, lens data or a spectrum into lux and photons on the chip.",
     "devices": "List the drivers, and what answers on a station.",
 }
 

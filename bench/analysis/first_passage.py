@@ -210,7 +210,7 @@ class ArmedPixel:
         Parameters
         ----------
         threshold
-            (n,) theta / sigma.
+            (n,) theta / sigma; (n, m) where it differs from step to step.
         step
             (m,) C.
         survival
@@ -222,15 +222,16 @@ class ArmedPixel:
             (n, m) or (n, m, t) chance of no answer.
         """
         h = self._barrier
-        r = h[None, None, :] + step[None, :, None] - threshold[:, None, None]
+        threshold = threshold[:, None] if threshold.ndim == 1 else threshold
+        r = h[None, None, :] + step[None, :, None] - threshold[:, :, None]
         weight = self._weight(r, h[None, :] + step[:, None]) * (h[1] - h[0])
         total = self._total(threshold)
         # References above the highest barrier of the table never answer. The rest of the sum then runs to +6 sigma.
-        cut = threshold[:, None] - step[None, :] > h[-1] - _REACH
-        above = np.where(cut, total[:, None] - weight.sum(axis=2), 0.0)
+        cut = threshold - step[None, :] > h[-1] - _REACH
+        above = np.where(cut, total - weight.sum(axis=2), 0.0)
         mean = np.einsum("nmh,mh...->nm...", weight, survival)
         later = (...,) + (None,) * (survival.ndim - 2)
-        return np.asarray((mean + above[later]) / total[:, None][later])
+        return np.asarray((mean + above[later]) / total[later])
 
     def _weight(self, r: Floats, barrier: Floats) -> Floats:
         density = np.interp(r, self._r, self._density, left=0.0, right=0.0)
@@ -238,5 +239,5 @@ class ArmedPixel:
 
     def _total(self, threshold: Floats) -> Floats:
         r = self._r[:: round(_COARSE / _FINE)]
-        weight = self._weight(r, threshold[:, None] + r)
-        return np.asarray(weight.sum(axis=1) * (r[1] - r[0]))
+        weight = self._weight(r, threshold[..., None] + r)
+        return np.asarray(weight.sum(axis=-1) * (r[1] - r[0]))

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from bench.analysis.results import ResponseRow
 
-__all__ = ["ThetaFit", "fit_both", "fit_theta", "reason_against", "time_grid_s"]
+__all__ = ["ThetaFit", "fit_both", "fit_theta", "guess", "reason_against", "time_grid_s"]
 
 _Z90: Final = 1.6448536269514722
 _Z99: Final = 2.5758293035489004
@@ -153,7 +153,7 @@ def fit_theta(
         armed_ln=_ARMED_LN if armed_s is None else 0.0,
     )
     window = float(rows[0].latency_edges_s[-1]) if window_s is None else window_s
-    start, tau_s = _guess(rows)
+    start, tau_s = guess(rows)
     conditions = Conditions(tau_s, window, window if armed_s is None else armed_s, grid)
     return _take_turns(data, start, conditions)
 
@@ -182,7 +182,7 @@ def fit_both(
     return again[0] or first[0], again[1] or first[1]
 
 
-def _guess(rows: Sequence[ResponseRow]) -> tuple[Pixels, float]:
+def guess(rows: Sequence[ResponseRow]) -> tuple[Pixels, float]:
     """Return pixels and a time constant to start from: the curve's middle lies about 2.8 rms below the threshold."""
     contrast = np.array([row.log_contrast for row in rows])
     share = np.maximum.accumulate([row.probability for row in rows])

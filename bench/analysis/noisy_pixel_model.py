@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
@@ -25,9 +26,12 @@ __all__ = [
     "Latencies",
     "LatencyModel",
     "Pixels",
+    "Survival",
+    "gauss_nodes",
     "goodness",
     "log_likelihood",
     "probability",
+    "unanswered_over_time",
 ]
 
 _LEAST: Final = 1e-9  # no chance is taken as smaller than this, so that one odd event does not decide alone
@@ -41,6 +45,23 @@ _LEAST_SHARE: Final = 0.3  # of the pulses, likewise
 _TIE: Final = 1e-6  # an edge this close to a look, in looks, is at it
 _WITHIN: Final = 3.0  # how far from the end of the table latencies are still taken from it, sigma
 _LEAST_COUNT: Final = 5.0  # expected answers, and missing ones, that a contrast needs to be judged by chi-square
+
+
+class Survival(Protocol):
+    """Chances of no answer to steps, on the barriers of the universal table: see `SurvivalTable`."""
+
+    @property
+    def time(self) -> Floats:
+        """(t,) times, units of tau."""
+        ...
+
+    def from_steps(self, time: float, step: Floats) -> Floats:
+        """Return (m, h) the survival at one time."""
+        ...
+
+    def over_time(self, step: Floats) -> Floats:
+        """Return (m, h, t) the survival at all times."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,15 +108,17 @@ class Answers:
         return np.asarray(self.counts.mean(axis=0) / self.pulses)
 
 
-def probability(theta: Floats, pixels: Pixels, conditions: Conditions, contrast: Floats) -> Floats:
-    """Return (n, m) the chance that a pixel of each threshold (n,) answers each contrast (m,).
+def probability(
+    theta: Floats, pixels: Pixels, conditions: Conditions, contrast: Floats, table: Survival | None = None
+) -> Floats:
+    """Return (n, m) the chance that a pixel of each threshold (n,) or (n, m) answers each contrast (m,).
 
     Levels go into the universal table in units of the noise, times in units of tau; on a time grid both barriers act
-    as higher ones.
+    as higher ones. Another `table` holds for steps that are not as fast as the low-pass lets them be.
     """
     shift = grid_shift(conditions.grid_s / conditions.tau_s)
     step = contrast / pixels.noise_rms
-    survival = survival_table().from_steps(conditions.window_s / conditions.tau_s, step)
+    survival = (table or survival_table()).from_steps(conditions.window_s / conditions.tau_s, step)
     pixel = _armed_pixel(pixels, conditions)
     missed = pixel.unanswered(theta / pixels.noise_rms + shift, step, survival)
     return np.asarray(np.clip(pixels.plateau * (1.0 - missed), _LEAST, 1.0 - _LEAST))
@@ -226,7 +249,7 @@ class LatencyModel:
         inside = (pixels.theta - latencies.contrast) / pixels.noise_rms > _lowest_barrier()
         self.latencies = latencies.part(inside)
         self.time = survival_table().time
-        self.missed = _missed(pixels, conditions, self.latencies.contrast)
+        self.missed = unanswered_over_time(pixels, conditions, self.latencies.contrast)[1]
 
     def free(self, tau_s: float) -> int:
         """Return the number of bins used at a time constant, less that of contrasts."""
@@ -258,14 +281,29 @@ def _lowest_barrier() -> float:
     return float(survival_table().barrier[0]) + _WITHIN
 
 
-def _missed(pixels: Pixels, conditions: Conditions, contrast: Floats) -> Floats:
-    """Return (k, t) the array's chance of no answer by each time of the table, for k contrasts."""
-    table = survival_table()
+def unanswered_over_time(
+    pixels: Pixels, conditions: Conditions, contrast: Floats, table: Survival | None = None
+) -> tuple[Floats, Floats]:
+    """Return (t,) times in units of tau, and (k, t) the array's chance of no answer by each, for k contrasts.
+
+    Parameters
+    ----------
+    table
+        One with fewer times, where fewer will do, or of slower steps; None for the universal one.
+    """
+    table = table or survival_table()
     if not contrast.size:
-        return np.zeros((0, table.time.size))
-    nodes, weight = np.polynomial.hermite_e.hermegauss(_LATENCY_NODES)
+        return table.time, np.zeros((0, table.time.size))
+    nodes, weight = gauss_nodes(_LATENCY_NODES)
     shift = grid_shift(conditions.grid_s / conditions.tau_s)
     theta = (pixels.theta + pixels.mismatch * nodes) / pixels.noise_rms + shift
     step = contrast / pixels.noise_rms
     every = _armed_pixel(pixels, conditions).unanswered(theta, step, table.over_time(step))
-    return np.asarray(np.tensordot(weight / weight.sum(), every, axes=1))
+    return table.time, np.asarray(np.tensordot(weight, every, axes=1))
+
+
+@lru_cache(maxsize=8)
+def gauss_nodes(number: int) -> tuple[Floats, Floats]:
+    """Return nodes and weights (sum 1) of means over a standard normal law."""
+    nodes, weight = np.polynomial.hermite_e.hermegauss(number)
+    return nodes, weight / weight.sum()

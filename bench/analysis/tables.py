@@ -6,10 +6,11 @@ import csv
 import io
 import json
 import math
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+
+from bench.store.durable import replace_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -73,7 +74,7 @@ def write_csv(analysis: Analysis, path: Path) -> tuple[Path, ...]:
         "background.csv": (_BACKGROUND_COLUMNS, [_background_cells(row) for row in analysis.background]),
     }
     for name, (header, rows) in tables.items():
-        _replace(path / name, _csv_bytes(header, rows))
+        replace_file(path / name, _csv_bytes(header, rows))
     return tuple(path / name for name in tables)
 
 
@@ -215,9 +216,9 @@ def save(analysis: Analysis, run_folder: Path | str) -> Path:
     folder = Path(run_folder) / "analysis"
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(to_json(analysis), indent=1, ensure_ascii=False, allow_nan=False)
-    _replace(folder / "analysis.json", text.encode())
+    replace_file(folder / "analysis.json", text.encode())
     write_csv(analysis, folder)
-    _replace(folder / "pixel_maps.npz", _maps_bytes(analysis))
+    replace_file(folder / "pixel_maps.npz", _maps_bytes(analysis))
     return folder
 
 
@@ -235,15 +236,6 @@ def _maps_bytes(analysis: Analysis) -> bytes:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
-
-
-def _replace(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def summary_lines(analysis: Analysis) -> list[str]:

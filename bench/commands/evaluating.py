@@ -11,10 +11,12 @@ if TYPE_CHECKING:
     from bench.analysis.results import Analysis
     from bench.store import Run
 
-__all__ = ["DIAGNOSIS", "evaluate", "make_report"]
+__all__ = ["CHARACTERIZATION", "DIAGNOSIS", "evaluate", "make_report"]
 
 #: Where a diagnosis of a run lies, in the folder of its results.
 DIAGNOSIS: Final = "diagnosis"
+#: Where its characterization lies, likewise.
+CHARACTERIZATION: Final = "characterization"
 
 
 def evaluate(run: Run, folder: Path, *, pixel_maps: bool = True) -> tuple[Analysis, Path]:
@@ -34,11 +36,12 @@ def evaluate(run: Run, folder: Path, *, pixel_maps: bool = True) -> tuple[Analys
 def make_report(run: Run, analysis: Analysis, folder: Path) -> Path:
     """Write the report of `run` into the folder `report` of `folder`, and return its page.
 
-    A diagnosis in the folder `diagnosis` of `folder` is shown too.
+    A diagnosis in the folder `diagnosis` of `folder` is shown too, and a characterization in `characterization`.
     """
     from bench.models.trace import model_trace
     from bench.report import write_report
 
     return write_report(
-        run, analysis, folder / "report", model_trace=model_trace(run, analysis), diagnosis=folder / DIAGNOSIS
-    )
+        run, analysis, folder / "report", model_trace=model_trace(run, analysis), diagnosis=folder / DIAGNOSIS,
+        characterization=folder / CHARACTERIZATION,
+    )  # fmt: skip

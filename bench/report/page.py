@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
     from bench.analysis.results import Analysis
+    from bench.report.characterization import CharacterizationSection
     from bench.report.diagnosis import DiagnosisSection
     from bench.report.example import RunLike
 
@@ -33,7 +34,7 @@ class Shown:
 
 def render(
     run: RunLike, analysis: Analysis, figures: Sequence[Shown], csv_files: Sequence[str],
-    diagnosis: DiagnosisSection | None = None,
+    diagnosis: DiagnosisSection | None = None, characterization: CharacterizationSection | None = None,
 ) -> str:  # fmt: skip
     """Return the page as HTML. All text that came from files is escaped by the template engine.
 
@@ -47,6 +48,8 @@ def render(
         Paths of the tables as CSV, relative to the page.
     diagnosis
         What a section says of the diagnosis of the run; None leaves it out.
+    characterization
+        Likewise of what the run tells of the sensor.
     """
     facts = facts_of(run)
     return template("report.html").render(
@@ -60,6 +63,7 @@ def render(
         warnings=tables.warned(analysis),
         figures=figures,
         diagnosis=diagnosis,
+        characterization=characterization,
         responses=tables.response_table(analysis.responses),
         pixels=tables.pixel_table(analysis.pixel_maps),
         csv_files=csv_files,

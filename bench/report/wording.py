@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bench.analysis.results import Estimate
     from protocols.points import Waveform
 
 __all__ = [
@@ -15,6 +16,8 @@ __all__ = [
     "decimals_for",
     "duration_label",
     "fixed",
+    "interval_text",
+    "lux_interval",
     "lux_label",
     "polarity_label",
     "waveform_label",
@@ -90,6 +93,23 @@ def fixed(value: float, decimals: int) -> str:
     if math.isinf(value):
         return "\u221e" if value > 0 else "\u2212\u221e"
     return f"{value:.{decimals}f}".replace("-", "\u2212")
+
+
+def interval_text(estimate: Estimate, scale: float = 1.0) -> tuple[str, str]:
+    """Return a number, times `scale`, and its interval with as many decimals as it deserves; a dash for none."""
+    value, low, high = (scale * v for v in (estimate.value, estimate.low, estimate.high))
+    decimals = decimals_for(low, high, value)
+    text = fixed(value, decimals)
+    return text, "" if math.isnan(low) and math.isnan(high) else f"{fixed(low, decimals)} to {fixed(high, decimals)}"
+
+
+def lux_interval(estimate: Estimate) -> str:
+    """Return an illuminance with its interval, in the unit that suits it: ``146 mlux (140 to 152)``."""
+    scale, unit = (1e3, "mlux") if max(abs(estimate.value), abs(estimate.high)) < 1.0 else (1.0, "lux")
+    text, interval = interval_text(estimate, scale)
+    if text == MISSING:
+        return text
+    return f"{text} {unit}" + (f" ({interval})" if interval else "")
 
 
 def count(number: int, one: str, many: str | None = None) -> str:

@@ -22,7 +22,7 @@ _TABLES: Final = "tables"
 
 def write_report(
     run: RunLike, analysis: Analysis, folder: Path, *, model_trace: ModelTrace | None = None,
-    diagnosis: Path | None = None,
+    diagnosis: Path | None = None, characterization: Path | None = None,
 ) -> Path:  # fmt: skip
     """Write the report of `run` into `folder`, and return the path of the page.
 
@@ -40,18 +40,20 @@ def write_report(
         Made if it is not there; a report that is there already is replaced.
     model_trace
         What a model says of the example pixel, see :func:`bench.report.example.choose_example`; drawn as a model.
-
     diagnosis
         Folder with the results of a diagnosis of this run; if it holds one, a section shows it.
+    characterization
+        Folder with what characterisation found in this run; likewise.
 
     Raises
     ------
     bench.store.errors.RunError
         If a point of the run is damaged.
     InputError
-        If the diagnosis cannot be read.
+        If the diagnosis or the characterization cannot be read.
     """
     from bench.analysis.tables import write_csv
+    from bench.report.characterization import characterization_section
     from bench.report.diagnosis import diagnosis_section
     from bench.report.figures.style import house_style
     from bench.report.gallery import pictures
@@ -62,9 +64,10 @@ def write_report(
     with house_style():
         shown = [show(picture, figures) for picture in pictures(run, analysis, model_trace)]
     section = None if diagnosis is None else diagnosis_section(diagnosis, figures)
+    sensor = None if characterization is None else characterization_section(characterization, figures)
     tables = [f"{_TABLES}/{path.name}" for path in write_csv(analysis, folder / _TABLES)]
     page = folder / PAGE
-    page.write_text(render(run, analysis, shown, tables, section), encoding="utf-8", newline="\n")
+    page.write_text(render(run, analysis, shown, tables, section, sensor), encoding="utf-8", newline="\n")
     return page
 
 

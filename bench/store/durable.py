@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["lock_file", "sync_file", "sync_folder", "write_whole"]
+__all__ = ["lock_file", "replace_file", "sync_file", "sync_folder", "write_whole"]
 
 
 def sync_file(path: Path) -> None:
@@ -45,6 +45,16 @@ def lock_file(descriptor: int) -> None:
     import fcntl
 
     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a result so that the file is there completely or not at all; it can be made again, and is not synced."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        temporary.write_bytes(content)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def write_whole(path: Path, text: str, part_suffix: str) -> None:

@@ -30,6 +30,7 @@ COMMANDS = (
     "challenge",
     "effects",
     "calibrate-noise",
+    "photometry",
     "devices",
 )
 EVS_BENCH = str(Path(sys.executable).parent / "evs-bench")
@@ -103,6 +104,9 @@ def test_each_command_has_help_and_loads_nothing_heavy(tmp_path: Path) -> None:
         ("effects", "no_such_effect"),
         ("challenge", "reveal", "no_such_folder"),
         ("challenge", "new", "--seed", "x"),
+        ("photometry", "spectrum", "no_such_spectrum"),
+        ("photometry", "meter", "no_such_file.csv"),
+        ("photometry", "efficiency", "5.55", "--pitch-um", "4.86", "--photons-per-lux", "1.12e16"),
     ],
     ids=" ".join,
 )

@@ -15,10 +15,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     from bench.analysis.results import BackgroundRow, ResponsePolarity
 
-__all__ = ["BackgroundNumbers", "Rates", "draw", "prepare"]
+__all__ = ["BackgroundNumbers", "Rates", "draw", "draw_rates", "legend_handles", "prepare"]
 
 _BESIDE: Final = {"on": -1.0, "off": 1.0}  # ON stands left of its level, OFF right
 _NEAREST: Final = 0.006  # places beside a level, as a share of the length of the axis
@@ -101,7 +102,13 @@ def _y_limits(rates: Sequence[Rates]) -> tuple[float, float]:
 def draw(numbers: BackgroundNumbers) -> Figure:
     """Draw both polarities into one panel, on logarithmic axes."""
     figure = style.new_figure(3.6)
-    ax = figure.subplots()
+    draw_rates(figure.subplots(), numbers)
+    figure.legend(handles=legend_handles(numbers), loc="outside right upper")
+    return figure
+
+
+def draw_rates(ax: Axes, numbers: BackgroundNumbers) -> None:
+    """Draw both polarities into `ax`, and make its axes."""
     ax.set_yscale("log")
     ax.set_ylim(*numbers.y_limits)
     ticks = style.log_axis_ticks(*numbers.y_limits)
@@ -113,8 +120,6 @@ def draw(numbers: BackgroundNumbers) -> Figure:
     if numbers.dark_at is not None:
         ax.axvline(numbers.dark_at * 2.2, color=style.MUTED, linewidth=0.8, linestyle=(0, (2, 3)))
     ax.set_ylabel("background rate per pixel (Hz)")
-    _legend(figure, numbers)
-    return figure
 
 
 def _draw_rates(ax: Axes, rates: Rates) -> None:
@@ -129,7 +134,8 @@ def _draw_rates(ax: Axes, rates: Rates) -> None:
     ax.plot(rates.place[limit], rates.high_hz[limit], linestyle="", marker="_", markersize=7.0, color=colour)
 
 
-def _legend(figure: Figure, numbers: BackgroundNumbers) -> None:
+def legend_handles(numbers: BackgroundNumbers) -> list[Line2D]:
+    """Return what a legend says of the rates."""
     from matplotlib.lines import Line2D
 
     handles = [
@@ -142,4 +148,4 @@ def _legend(figure: Figure, numbers: BackgroundNumbers) -> None:
             Line2D([], [], linestyle="", marker=r"$\downarrow$", markersize=8.0, color=style.INK,
                    label="no event: upper limit")
         )  # fmt: skip
-    figure.legend(handles=handles, loc="outside right upper")
+    return handles

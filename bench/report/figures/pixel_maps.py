@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from bench.analysis.results import CurveKey, PixelMap
 
-__all__ = ["PixelMapNumbers", "Spread", "draw", "prepare", "spread_of"]
+__all__ = ["PixelMapNumbers", "Spread", "common_edges", "draw", "prepare", "spread_of"]
 
 _FEWEST_PIXELS: Final = 4
 _COLOUR_QUANTILES: Final = (0.01, 0.99)
@@ -86,11 +86,11 @@ def prepare(maps: Sequence[PixelMap], origin: tuple[int, int]) -> PixelMapNumber
     if not chosen:
         return None
     values = np.concatenate([half[np.isfinite(half)] for _, half in chosen])
-    edges = _edges(values, max(spread.pixels for spread, _ in chosen))
+    edges = common_edges(values, max(spread.pixels for spread, _ in chosen))
     return PixelMapNumbers(tuple(chosen), *origin, edges, len(maps) - len(chosen))
 
 
-def _edges(values: npt.NDArray[np.float64], pixels: int) -> npt.NDArray[np.float64]:
+def common_edges(values: npt.NDArray[np.float64], pixels: int) -> npt.NDArray[np.float64]:
     """Return common bins for all histograms; a few wild pixels do not stretch them."""
     low, high = np.quantile(values, [0.005, 0.995])
     room = max(0.15 * (high - low), 1e-3)

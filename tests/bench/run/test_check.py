@@ -150,8 +150,10 @@ def test_the_shipped_protocols_can_be_taken(name: str) -> None:
     report = check(load_protocol(name).protocol, load_station("simulated"))
     assert not report.refused
     # A sweep of the pulse width goes below what the others keep to, the study of the square wave shows what
-    # imbalanced thresholds do to it, and a diagnosis finds both thresholds from latencies: that is their point.
+    # imbalanced thresholds do to it, a diagnosis finds both thresholds from latencies, and a cutoff is where pixels
+    # cease to answer: that is their point.
     known = {
+        "low_light_cutoff": {"threshold_not_reached"},
         "pulse_width": {"test pulse_too_short"},
         "challenge": {"square_shows_other_threshold"},
         "paper_square": {"square_shows_other_threshold", "square_cannot_tell_thresholds"},

@@ -1,0 +1,200 @@
+"""What a family of S-curves is expected to be: one noisy pixel at every light level, beside dark light.
+
+At each level the step that arrives at the comparators is smaller than the step of the light (:mod:`.weber`), and the
+rest is the noisy pixel of :mod:`bench.analysis.noisy_pixel`: one threshold and one mismatch for all levels, one
+low-pass. The noise may grow as the light falls, ``rms^2 = floor^2 + shot / (E + E_d)``: so does the shot noise of a
+photocurrent behind a first-order low-pass, ``q / (2 I tau)`` in units of ln^2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.analysis.first_passage import SurvivalTable, survival_table
+from bench.analysis.noisy_pixel_model import Conditions, Pixels, gauss_nodes, probability, unanswered_over_time
+from bench.characterize.slow_step import slow_step
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.analysis.noisy_pixel_model import Survival
+    from bench.characterize.levels import Level
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Expected", "Family", "as_family", "expected", "signals"]
+
+_NODES: Final = 7  # thresholds over which an array is averaged
+_LEAST_THETA: Final = 0.1  # threshold of a pixel, as a part of the mean
+_EVERY: Final = 4  # of the times of the survival table serve for latencies
+#: A photoreceptor with time constants below this, in units of that of the low-pass, only delays; above that it does
+#: not.
+_DELAYS_ONLY: Final = (0.15, 0.5)
+_NOTHING: Final = 1e-12
+_EVEN: Final = 1e-6
+_LATEST, _LATE_TIMES = 100.0, 12  # how much longer than that table; late, chances fall off evenly
+_LEAST_NOISE: Final = 1.0 / 20.0  # of the threshold: steeper curves are all alike
+_LEAST_PART: Final = 0.05  # of the noise floor's variance, that stays however the shot noise is extrapolated
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """The numbers of a sensor that its family of curves tells. The order is that of the fit."""
+
+    theta: float  #: mean threshold of the array, ln
+    noise_rms: float  #: floor: the noise far above the dark light, ln
+    mismatch2: float  #: variance of the threshold over the pixels, ln^2; below 0 by chance
+    ln_tau: float  #: of the low-pass, tau in s
+    delay_s: float  #: of the light and the readout
+    dark_lux: float  #: equivalent dark illuminance, mean over the pixels
+    dark_spread2: float  #: variance over the pixels of its logarithm; below 0 by chance
+    shot_lux: float  #: variance of the noise that goes with 1 / light, ln^2 lux; below 0 by chance
+    slow_s_lux: float  #: time constant of the photoreceptor times the light, dark light included; below 0 by chance
+    filter_od: float  #: by which filters are denser than they are said to be
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What one level is expected to show."""
+
+    share: Floats  #: (m,) of the pulses that find a pixel armed
+    spread: Floats  #: (m,) variance of each pixel's chance over the pixels
+    frozen: float  #: covariance, over pixels, of the sums of every second contrast and of the others
+    latency_s: Floats  #: (k,) mean of the answers in the window
+
+
+def signals(level: Level, family: Family) -> tuple[Floats, float]:
+    """Return (m,) the change of the signal at each contrast, ln, and the light at the baseline with dark light."""
+    lux = level.key.baseline_lux * 10.0 ** (-family.filter_od if level.key.nd_od > 0.0 else 0.0)
+    total = lux + _typical_dark(family)
+    if level.key.polarity == "on":
+        return np.log1p(np.expm1(level.contrast) * lux / total), total
+    return -np.log1p(np.expm1(-level.contrast) * lux / total), total
+
+
+def _typical_dark(family: Family) -> float:
+    """Return the dark illuminance of the pixel in the middle: that of a log-normal law lies below the mean."""
+    return family.dark_lux * math.exp(-0.5 * family.dark_spread2)
+
+
+def expected(level: Level, family: Family, other_ratio: float, armed_s: float) -> Expected:
+    """Return what a level is expected to show.
+
+    A photoreceptor that is much faster than the low-pass only delays; one that is not is worked out, and between the
+    two what is expected changes over smoothly.
+
+    Parameters
+    ----------
+    other_ratio
+        Threshold of the other polarity, divided by that of this one.
+    armed_s
+        Time between the memorising of the reference and the step.
+    """
+    at = _Place(level, family, other_ratio, armed_s)
+    low, high = _DELAYS_ONLY
+    slow = min(max((at.lag.max() - low) / (high - low), 0.0), 1.0)
+    slow = slow * slow * (3.0 - 2.0 * slow)
+    later_s = float(at.lag.mean()) * at.tau_s
+    if slow == 0.0:
+        return at.expected(_coarse_table(), later_s)
+    behind = at.expected(slow_step(tuple(at.step.tolist()), tuple(at.lag.tolist()), level.window_s / at.tau_s), 0.0)
+    return behind if slow == 1.0 else _between(at.expected(_coarse_table(), later_s), behind, slow)
+
+
+def _between(a: Expected, b: Expected, part: float) -> Expected:
+    share, spread, latency_s = (
+        (1.0 - part) * getattr(a, name) + part * getattr(b, name) for name in ("share", "spread", "latency_s")
+    )
+    return Expected(share, spread, (1.0 - part) * a.frozen + part * b.frozen, latency_s)
+
+
+class _Place:
+    """A sensor at one light level."""
+
+    def __init__(self, level: Level, family: Family, other_ratio: float, armed_s: float) -> None:
+        self._level, self._family, self._other_ratio, self._armed_s = level, family, other_ratio, armed_s
+        self._signal, total = signals(level, family)
+        self._noise, more2 = _noise(level, family, total)
+        # A pixel with more dark light sees less of a step, as if its threshold were higher by what the signal lacks.
+        sign = 1.0 if level.key.polarity == "on" else -1.0
+        part = _typical_dark(family) / total * np.abs(np.expm1(-sign * self._signal))
+        self._frozen2 = family.mismatch2 + part**2 * family.dark_spread2
+        self._spread2 = self._frozen2 + more2
+        self.tau_s = math.exp(family.ln_tau)
+        self.step = self._signal / self._noise
+        self.lag = _lag_s(level, family, self._signal, total) / self.tau_s
+
+    def expected(self, table: Survival, later_s: float) -> Expected:
+        """Return what is expected from chances of no answer, all answers later by some time."""
+        level, family, sd = self._level, self._family, np.sqrt(np.abs(self._spread2))
+        conditions = Conditions(self.tau_s, level.window_s - later_s, self._armed_s, level.grid_s)
+        pixels = Pixels(family.theta, self._noise, float(sd.mean()), 1.0, self._other_ratio)
+        z, weight = gauss_nodes(_NODES)
+        theta = np.maximum(family.theta + z[:, None] * sd, _LEAST_THETA * family.theta)
+        chance = probability(theta, pixels, conditions, self._signal, table)
+        middle = chance[_NODES // 2]
+        # Below none, by chance, or for OFF: the other way.
+        way = np.sign(self._spread2)
+        share = middle + way * (weight @ chance - middle)
+        # Of that spread only the mismatch, of thresholds and of dark light, stays with a pixel.
+        part = way * self._frozen2 / np.maximum(np.abs(self._spread2), _NOTHING)
+        centred = (chance - weight @ chance) * np.sqrt(np.abs(part))
+        even, odd = ((centred * np.sign(part))[:, ::2].sum(axis=1), centred[:, 1::2].sum(axis=1))
+        frozen = float(weight @ (even * odd))
+        spread = np.where(part > 0.0, weight @ centred**2, 0.0)
+        latency_s = _latencies(pixels, conditions, self._signal[level.timed], table)
+        return Expected(share, spread, frozen, latency_s + later_s + family.delay_s)
+
+
+def _noise(level: Level, family: Family, total_lux: float) -> tuple[float, float]:
+    """Return the rms of the noise when the threshold is reached, and by how much its variance was more before.
+
+    There the light, dark light included, is e^theta times that of the baseline (OFF: e^-theta), and shot noise less
+    by this factor. The reference was memorised at the baseline; its noise is that of the baseline.
+    """
+    reached = math.exp(family.theta if level.key.polarity == "on" else -family.theta)
+    floor2, shot2 = family.noise_rms**2, family.shot_lux / total_lux
+    there2 = max(floor2 + shot2 / reached, _LEAST_PART * floor2)
+    return max(math.sqrt(there2), _LEAST_NOISE * family.theta), shot2 - shot2 / reached
+
+
+def _lag_s(level: Level, family: Family, signal: Floats, total_lux: float) -> Floats:
+    """Return (m,) the time constant of the photoreceptor in the test pulse, s: it follows all the light."""
+    sign = 1.0 if level.key.polarity == "on" else -1.0
+    return np.asarray(family.slow_s_lux / total_lux * np.exp(-sign * signal))
+
+
+def _latencies(pixels: Pixels, conditions: Conditions, signal: Floats, table: Survival) -> Floats:
+    """Return (k,) the mean latency of those answers that come within the window."""
+    time, missed = unanswered_over_time(pixels, conditions, signal, table)
+    end = min(conditions.window_s / conditions.tau_s, float(time[-1]))
+    inside = np.append(time[time < end], end)
+    left = np.array([np.interp(inside, time, one) for one in missed]).reshape(len(signal), inside.size)
+    left = np.maximum(left, _NOTHING)
+    fall = np.log(left[:, :-1] / left[:, 1:])
+    # Between two times the rest falls off exponentially.
+    level_mean = np.where(fall > _EVEN, (left[:, :-1] - left[:, 1:]) / np.maximum(fall, _EVEN), left[:, 1:])
+    area = (level_mean * np.diff(inside)).sum(axis=1) - left[:, -1] * end
+    return np.asarray(area / np.maximum(left[:, 0] - left[:, -1], _NOTHING) * conditions.tau_s)
+
+
+@lru_cache(maxsize=1)
+def _coarse_table() -> SurvivalTable:
+    """Return the survival table with as many times as a mean latency needs, and late ones."""
+    table = survival_table()
+    chosen = np.unique([*range(0, table.time.size, _EVERY), table.time.size - 1])
+    late = table.time[-1] * np.geomspace(1.0, _LATEST, _LATE_TIMES + 1)[1:]
+    survival = np.concatenate([table.survival[chosen], [table.at(time) for time in late]])
+    return SurvivalTable(np.concatenate([table.time[chosen], late]), table.barrier, table.step, survival)
+
+
+def as_family(values: Sequence[float] | Floats) -> Family:
+    """Return the numbers of a fit by name."""
+    return Family(*(float(v) for v in values))

@@ -1,0 +1,1 @@
+"""How well characterisation finds the dark light of simulated sensors whose truth is known."""
