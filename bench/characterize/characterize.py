@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis.results import Estimate
 from bench.analysis.whole import analyze
 from bench.characterize.cutoff import cutoffs_in
 from bench.characterize.families import families_in
 from bench.characterize.family_result import family_result
 from bench.characterize.mismatch import mismatch_of
 from bench.characterize.noise import PixelKnown, hot_pixels_in, noise_levels
+from bench.characterize.normal import as_estimate, as_known
 from bench.characterize.readings import line_through, with_recorded
 from bench.characterize.result import Characterization, DarkLight
 from bench.photometry.current import Photodiode
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from bench.store.data import PointData, Sensor
 
 __all__ = ["characterize", "characterize_curves"]
-
-_Z: Final = 1.6448536269514722
 
 
 def characterize(
@@ -136,7 +134,7 @@ def _dark_light(families: Sequence[FamilyResult], sensor: Sensor | None, beside:
     if not good:
         return None
     value = np.array([f.dark_lux.value for f in good])
-    sd = np.array([(f.dark_lux.high - f.dark_lux.low) / (2.0 * _Z) for f in good])
+    sd = np.array([as_known(f.dark_lux).sd for f in good])
     weight = sd**-2 / np.sum(sd**-2)
     mean = float(weight @ value)
     scatter = float(np.sum(((value - mean) / sd) ** 2)) / (len(good) - 1) if len(good) > 1 else math.nan
@@ -151,12 +149,12 @@ def _dark_light(families: Sequence[FamilyResult], sensor: Sensor | None, beside:
     if beside.nd_od and taken:
         parts["filter"] = math.log(10.0) * beside.nd_od * abs(mean) * float(sum(taken))
     total = math.hypot(*parts.values())
-    lux = Estimate(mean, mean - _Z * total, mean + _Z * total, "lux")
+    lux = as_estimate(mean, total, "lux")
     photodiode = None if sensor is None else Photodiode.of(sensor, beside.eta)
     if photodiode is None:
         return DarkLight(lux, parts, None, {}, None, scatter)
     current = photodiode.current(Known(mean, total))
-    fa = Estimate(current.value, current.value - _Z * current.sd, current.value + _Z * current.sd, "fA")
+    fa = as_estimate(current.value, current.sd, "fA")
     return DarkLight(lux, parts, fa, current.parts, photodiode, scatter)
 
 
@@ -204,16 +202,12 @@ def _cutoffs(
     for family in families:
         best = _best(families, family.polarity, family.settings)
         if best is not None:
-            theta[family.polarity, family.settings] = _as_known(best.theta)
+            theta[family.polarity, family.settings] = as_known(best.theta)
         if best is not None and best.by_half is not None:
-            half[family.polarity, family.settings] = _as_known(best.by_half.theta)
-    lux = None if dark is None else _as_known(dark.lux)
+            half[family.polarity, family.settings] = as_known(best.by_half.theta)
+    lux = None if dark is None else as_known(dark.lux)
     for analysis in analyses:
         yield from cutoffs_in(analysis.responses, half, theta, lux)
-
-
-def _as_known(estimate: Estimate) -> Known:
-    return Known(estimate.value, (estimate.high - estimate.low) / (2.0 * _Z))
 
 
 def _noise(analyses: Sequence[Analysis], pixels: Mapping[str, PixelKnown]) -> Iterator[NoiseLevel]:

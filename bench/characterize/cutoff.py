@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.analysis.results import Estimate
+from bench.characterize.normal import as_estimate, as_known
 from bench.characterize.result import Cutoff
 from bench.characterize.weber import weber
 from bench.photometry.propagation import Known, propagate
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["cutoffs_in", "predicted_cutoff"]
 
-_Z: Final = 1.6448536269514722
 _FEWEST: Final = 4  # light levels at one contrast
 _SAME: Final = 1e-3  # of a log contrast
 _SAMPLES: Final = 400
@@ -49,7 +49,7 @@ def predicted_cutoff(
     if weber(log_contrast, polarity) <= weber(theta.value + 3.0 * theta.sd, polarity):
         return None
     found = propagate(light, {"theta": theta, "dark light": dark_lux})
-    return Estimate(found.value, found.value - _Z * found.sd, found.value + _Z * found.sd, "lux")
+    return as_estimate(found.value, found.sd, "lux")
 
 
 def cutoffs_in(
@@ -90,7 +90,7 @@ def cutoffs_in(
 def _apart(a: Estimate, b: Estimate | None) -> float:
     if b is None:
         return math.nan
-    reach = math.hypot(a.high - a.low, b.high - b.low) / (2.0 * _Z)
+    reach = math.hypot(as_known(a).sd, as_known(b).sd)
     return (a.value - b.value) / reach if reach > 0.0 else math.nan
 
 

@@ -18,6 +18,7 @@ from bench.analysis.results import CurveKey, Estimate, SCurve
 from bench.analysis.scurve import INTERCEPT_LEVEL, rising_means
 from bench.analysis.sigmoid import NORMAL, fit_counts, floor_and_plateau
 from bench.characterize.families import CurveFamily
+from bench.characterize.normal import Z90
 from bench.photometry.csv_tables import plain_number
 from protocols.errors import InputError, Problem
 from protocols.files import read_text
@@ -197,7 +198,7 @@ def _scurve(
     grid: Floats, drawn: Floats,
 ) -> SCurve:  # fmt: skip
     half, intercept, floor, plateau = estimates
-    reach = 1.6448536269514722 * sd
+    reach = Z90 * sd
     return SCurve(
         key=key, log_contrast=x, probability=p, low=np.clip(p - reach, 0.0, 1.0), high=np.clip(p + reach, 0.0, 1.0),
         half=half, intercept=intercept, floor=floor, plateau=plateau, quantile=INTERCEPT_LEVEL, theta=None,

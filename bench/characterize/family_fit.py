@@ -17,6 +17,7 @@ import numpy as np
 
 from bench.analysis.results import Estimate
 from bench.characterize.family_model import Family, expected
+from bench.characterize.normal import as_estimate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 __all__ = ["NAMES", "FamilyFit", "Known", "fit_family"]
 
 NAMES: Final = tuple(field.name for field in fields(Family))
-_Z: Final = 1.6448536269514722  # half of a 90 % interval, standard errors
 #: Latencies hold more than the low-pass: they are believed to this part of them at the best.
 _LATENCY_BELIEVED: Final = 0.01
 _MOST_STEPS: Final = 15
@@ -50,7 +50,7 @@ class Known:
     """What is known beside the curves."""
 
     armed_s: float  #: time between the memorising of the reference and the step
-    other_ratio: float = 0.9  #: threshold of the other polarity / that of this one
+    other_ratio: float  #: threshold of the other polarity / that of this one
     filter_sd: float = math.inf  #: standard error of the optical density of the filters; infinite: not known
 
 
@@ -87,8 +87,7 @@ class FamilyFit:
 
     def estimate(self, name: str, unit: str) -> Estimate:
         """Return a number with its 90 % interval."""
-        value, reach = float(getattr(self.family, name)), _Z * self.sd(name)
-        return Estimate(value, value - reach, value + reach, unit)
+        return as_estimate(float(getattr(self.family, name)), self.sd(name), unit)
 
 
 def _armed(level: Level, share: Floats) -> float:
@@ -291,8 +290,7 @@ def _level_theta(problem: _Problem, theta: float, column: Floats, residual: Floa
         return Estimate(math.nan, math.nan, math.nan, "ln", "its answers do not tell")
     pull = -column / float(column @ column)
     sd = math.sqrt(float(problem.scatter(pull[:, None])[0, 0]))
-    value = theta + float(pull @ residual)
-    return Estimate(value, value - _Z * sd, value + _Z * sd, "ln")
+    return as_estimate(theta + float(pull @ residual), sd, "ln")
 
 
 def _constant(problem: _Problem, own: Floats, jacobian: Floats, residual: Floats) -> tuple[float, int]:

@@ -20,8 +20,6 @@ from bench.analysis.noisy_pixel_model import Conditions, Pixels, gauss_nodes, pr
 from bench.characterize.slow_step import slow_step
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import numpy.typing as npt
 
     from bench.analysis.noisy_pixel_model import Survival
@@ -29,7 +27,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Expected", "Family", "as_family", "expected", "signals"]
+__all__ = ["Expected", "Family", "expected", "signals"]
 
 _NODES: Final = 7  # thresholds over which an array is averaged
 _LEAST_THETA: Final = 0.1  # threshold of a pixel, as a part of the mean
@@ -193,8 +191,3 @@ def _coarse_table() -> SurvivalTable:
     late = table.time[-1] * np.geomspace(1.0, _LATEST, _LATE_TIMES + 1)[1:]
     survival = np.concatenate([table.survival[chosen], [table.at(time) for time in late]])
     return SurvivalTable(np.concatenate([table.time[chosen], late]), table.barrier, table.step, survival)
-
-
-def as_family(values: Sequence[float] | Floats) -> Family:
-    """Return the numbers of a fit by name."""
-    return Family(*(float(v) for v in values))

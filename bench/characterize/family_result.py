@@ -9,9 +9,9 @@ import numpy as np
 
 from bench.analysis.results import Estimate
 from bench.characterize.families import fit, readings_of
+from bench.characterize.normal import as_estimate, as_known
 from bench.characterize.readings import line_through, of_level
 from bench.characterize.result import Constancy, FamilyResult, FilterBreak, LevelResult
-from bench.photometry.propagation import Known
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["family_result"]
 
-_Z: Final = 1.6448536269514722
 _POOR: Final = 1.5  # chi-square per degree of freedom above which a fit is said to be poor
-_BIASED: Final = 0.1
 _UNKNOWN: Final = Estimate(math.nan, math.nan, math.nan, "lux")
 
 
@@ -82,18 +80,14 @@ def _levels(
     for i, (curve, reading) in enumerate(zip(family.curves, readings_of(family, "intercept"), strict=True)):
         dark, parts = _UNKNOWN, {}
         if line is not None and math.isfinite(reading.contrast.value):
-            own = of_level(reading, _known(line.theta), family.polarity, beside)
-            dark = Estimate(own.value, own.value - _Z * own.sd, own.value + _Z * own.sd, "lux")
+            own = of_level(reading, as_known(line.theta), family.polarity, beside)
+            dark = as_estimate(own.value, own.sd, "lux")
             parts = own.parts
         noise, corner = (math.nan, math.nan) if found is None else found.at(curve.key.baseline_lux, curve.key.nd_od)
         yield LevelResult(
             curve.key.baseline_lux, curve.key.nd_od, curve.half, curve.intercept,
             found.level_theta[i] if found else None, dark, parts, noise, corner,
         )  # fmt: skip
-
-
-def _known(estimate: Estimate) -> Known:
-    return Known(estimate.value, 0.5 * (estimate.high - estimate.low) / _Z)
 
 
 def _constancy(found: FamilyFit | None, line: Line | None) -> Constancy | None:

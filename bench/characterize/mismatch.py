@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.analysis.results import Estimate
+from bench.characterize.normal import Z90
 from bench.characterize.result import Mismatch
 
 if TYPE_CHECKING:
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from bench.characterize.result import FamilyResult
 
 __all__ = ["mismatch_of"]
-
-_Z: Final = 1.6448536269514722
 
 
 def mismatch_of(family: FamilyResult, maps: Sequence[PixelMap]) -> Mismatch | None:
@@ -53,10 +52,10 @@ def _belongs(one: PixelMap, family: FamilyResult) -> bool:
 def _sigma(family: FamilyResult, spread: float, half: npt.NDArray[np.float64]) -> Estimate:
     """Return the spread of the thresholds: of the fit, else of the map."""
     if family.fit is not None and "mismatch2" in family.fit.free:
-        square, reach = family.fit.family.mismatch2, _Z * family.fit.sd("mismatch2")
+        square, reach = family.fit.family.mismatch2, Z90 * family.fit.sd("mismatch2")
     else:
         square = spread**2
         total2 = float(half.var(ddof=1))
-        reach = _Z * total2 * math.sqrt(2.0 / (half.size - 1))
+        reach = Z90 * total2 * math.sqrt(2.0 / (half.size - 1))
     low, value, high = (math.sqrt(max(v, 0.0)) for v in (square - reach, square, square + reach))
     return Estimate(value, low, high, "ln", "none seen" if low == 0.0 else "")

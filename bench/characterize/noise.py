@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PixelKnown", "hot_pixels_in", "noise_levels"]
 
-_Z: Final = 1.6448536269514722
 _STEP_S: Final = 1e-5  # between two looks of the comparators
 _LARGEST: Final = 12.0  # threshold / noise: beyond it there is no event in a lifetime
 _SMALLEST: Final = 2.0

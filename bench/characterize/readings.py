@@ -10,24 +10,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis.results import Estimate
+from bench.characterize.normal import as_estimate, as_known
 from bench.characterize.weber import dark_light, threshold_of, weber
 from bench.photometry.propagation import Known, Propagated, propagate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bench.analysis.results import ResponsePolarity
+    from bench.analysis.results import Estimate, ResponsePolarity
     from bench.store.data import PointData
 
 __all__ = ["Line", "Reading", "Uncertainties", "line_through", "of_level", "with_recorded"]
-
-_Z: Final = 1.6448536269514722  # half of a 90 % interval, standard errors
-_FEWEST: Final = 3  # levels that tell whether a line is one
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +101,7 @@ def line_through(readings: Sequence[Reading], polarity: ResponsePolarity) -> Lin
     dark = float(slope / w)
     gradient = np.array([-dark / w, 1.0 / w])
     dark_sd = math.sqrt(float(gradient @ covariance @ gradient))
-    return Line(_estimate(theta, theta_sd, "ln"), _estimate(dark, dark_sd, "lux"), chi2, dof, tuple(off.tolist()))
+    return Line(as_estimate(theta, theta_sd, "ln"), as_estimate(dark, dark_sd, "lux"), chi2, dof, tuple(off.tolist()))
 
 
 def of_level(reading: Reading, theta: Known, polarity: ResponsePolarity, beside: Uncertainties) -> Propagated:
@@ -131,13 +128,9 @@ def of_level(reading: Reading, theta: Known, polarity: ResponsePolarity, beside:
 
 
 def _sd(estimate: Estimate) -> float:
-    return 0.5 * (estimate.high - estimate.low) / _Z
+    return as_known(estimate).sd
 
 
 def _slope(log_contrast: float, polarity: ResponsePolarity) -> float:
     """Return the derivative of the Weber contrast by the log contrast."""
     return math.exp(log_contrast if polarity == "on" else -log_contrast)
-
-
-def _estimate(value: float, sd: float, unit: str) -> Estimate:
-    return Estimate(value, value - _Z * sd, value + _Z * sd, unit)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bench.analysis.results import ResponsePolarity
 
-__all__ = ["contrast_needed", "dark_light", "signal_of", "threshold_of", "weber", "weber_of_threshold"]
+__all__ = ["contrast_needed", "dark_light", "signal_of", "threshold_of", "weber"]
 
 
 def weber(log_contrast: float, polarity: ResponsePolarity) -> float:
@@ -34,11 +34,6 @@ def weber(log_contrast: float, polarity: ResponsePolarity) -> float:
         ``on``: the step goes up; ``off``: it goes down, and W stays below 1.
     """
     return math.expm1(log_contrast) if polarity == "on" else -math.expm1(-log_contrast)
-
-
-def weber_of_threshold(theta: float, polarity: ResponsePolarity) -> float:
-    """Return w, the step that a threshold in ln units needs far above the dark light."""
-    return weber(theta, polarity)
 
 
 def threshold_of(weber_contrast: float, polarity: ResponsePolarity) -> float:

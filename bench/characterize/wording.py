@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from bench.characterize.normal import Z90
 from bench.report.wording import duration_label, lux_label
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def _bandwidth(family: FamilyResult) -> Iterator[str]:
     if fit is None:
         return
     corner = 1.0 / (2.0 * math.pi * math.exp(fit.family.ln_tau))
-    factor = math.exp(1.6448536269514722 * fit.sd("ln_tau"))
+    factor = math.exp(Z90 * fit.sd("ln_tau"))
     yield f"  bandwidth: low-pass {corner:.3g} [{corner / factor:.3g}, {corner * factor:.3g}] Hz at every light"
     if fit.sees_slow:
         per_lux = 1.0 / (2.0 * math.pi * fit.family.slow_s_lux)
