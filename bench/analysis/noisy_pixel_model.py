@@ -282,23 +282,26 @@ def _lowest_barrier() -> float:
 
 
 def unanswered_over_time(
-    pixels: Pixels, conditions: Conditions, contrast: Floats, table: Survival | None = None
-) -> tuple[Floats, Floats]:
+    pixels: Pixels, conditions: Conditions, contrast: Floats, table: Survival | None = None,
+    stretch: Floats | float = 1.0,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Return (t,) times in units of tau, and (k, t) the array's chance of no answer by each, for k contrasts.
 
     Parameters
     ----------
     table
         One with fewer times, where fewer will do, or of slower steps; None for the universal one.
+    stretch
+        (k,) noise of the pixels, divided by that at each contrast: steps and thresholds count for as much more.
     """
     table = table or survival_table()
     if not contrast.size:
         return table.time, np.zeros((0, table.time.size))
     nodes, weight = gauss_nodes(_LATENCY_NODES)
     shift = grid_shift(conditions.grid_s / conditions.tau_s)
-    theta = (pixels.theta + pixels.mismatch * nodes) / pixels.noise_rms + shift
-    step = contrast / pixels.noise_rms
-    every = _armed_pixel(pixels, conditions).unanswered(theta, step, table.over_time(step))
+    theta = (pixels.theta + pixels.mismatch * nodes)[:, None] * np.broadcast_to(stretch, contrast.shape)
+    step = contrast * stretch / pixels.noise_rms
+    every = _armed_pixel(pixels, conditions).unanswered(theta / pixels.noise_rms + shift, step, table.over_time(step))
     return table.time, np.asarray(np.tensordot(weight, every, axes=1))
 
 

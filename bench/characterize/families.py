@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from bench.analysis.noisy_pixel import guess
 from bench.analysis.results import Estimate
 from bench.characterize.family_fit import NAMES, Known, fit_family
@@ -93,19 +91,19 @@ def fit(
     Parameters
     ----------
     points
-        All points of the run; they tell how long a pixel waits for the step.
+        All points of the run; they tell what comes before a step.
     other_ratio
         Threshold of the other polarity, divided by that of this one; None where nothing is known of it.
     """
     reason = _reason_against(family)
     if reason:
         return None, reason
-    levels = levels_of(family.rows)
+    levels = levels_of(family.rows, points)
     line = line_through(readings_of(family, "half"), family.polarity)
     if line is None:
         return None, "fewer than two levels have a 50 % point"
     free = _free(levels, beside)
-    known = Known(_armed_s(family, points), other_ratio or _OTHER_RATIO, _filter_sd(beside))
+    known = Known(other_ratio or _OTHER_RATIO, _filter_sd(beside))
     return fit_family(levels, known, _start(family, levels, line), free), ""
 
 
@@ -145,19 +143,6 @@ def _free(levels: Sequence[Level], beside: Uncertainties) -> tuple[str, ...]:
 
 def _filter_sd(beside: Uncertainties) -> float:
     return math.inf if beside.nd_od is None else max(beside.nd_od, 1e-9)
-
-
-def _armed_s(family: CurveFamily, points: Sequence[PointData]) -> float:
-    """Return for how long a pixel is armed before the step: the gap, less the dead time where it is known."""
-    taken = {r.point for r in family.rows}
-    waits = []
-    for point in points:
-        if point.index in taken and point.pulse_start_s.size:
-            before = point.stimulus_t_s[point.stimulus_t_s < point.pulse_start_s[0] - 1e-9]
-            gap_s = float(point.pulse_start_s[0] - (before[-1] if before.size else 0.0))
-            dead_s = point.refractory_s if math.isfinite(point.refractory_s) else 0.0
-            waits.append(max(gap_s - dead_s, 0.1 * gap_s))
-    return float(np.median(waits))
 
 
 def _start(family: CurveFamily, levels: Sequence[Level], line: Line) -> Family:

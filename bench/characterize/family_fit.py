@@ -49,7 +49,6 @@ _TINY: Final = 1e-12
 class Known:
     """What is known beside the curves."""
 
-    armed_s: float  #: time between the memorising of the reference and the step
     other_ratio: float  #: threshold of the other polarity / that of this one
     filter_sd: float = math.inf  #: standard error of the optical density of the filters; infinite: not known
 
@@ -109,7 +108,8 @@ class _Problem:
     def __init__(self, levels: Sequence[Level], known: Known, start: Family, free: Sequence[str]) -> None:
         self.levels, self.known, self.start, self.free = levels, known, start, tuple(free)
         self.pixels = levels[0].share.shape[0]
-        self.own, self.latency, self.latency_sd = self._measured()
+        self.own, self.latency, self.latency_chance = self._measured()
+        self.latency_sd = np.hypot(self.latency_chance, _LATENCY_BELIEVED * self.latency)
         self.mean = self.own.mean(axis=0)
         self.weight = self.law = np.ones(0)
         self.weigh(start)
@@ -123,11 +123,11 @@ class _Problem:
             columns.append(both[:, None] * self.pixels / (self.pixels - 1.0))
         latency = np.concatenate([level.latency_s for level in self.levels])
         sd = np.concatenate([level.latency_sd_s for level in self.levels])
-        return np.concatenate(columns, axis=1), latency, np.hypot(sd, _LATENCY_BELIEVED * latency)
+        return np.concatenate(columns, axis=1), latency, sd
 
     def expect(self, family: Family) -> tuple[Floats, Floats, Floats]:
         """Return what is expected of the means (s,), of the latencies (k,), and the variance of one pixel's share."""
-        seen = [expected(level, family, self.known.other_ratio, self.known.armed_s) for level in self.levels]
+        seen = [expected(level, family, self.known.other_ratio) for level in self.levels]
         share = np.concatenate(
             [_armed(level, one.share) * one.share for level, one in zip(self.levels, seen, strict=True)]
         )
@@ -171,11 +171,22 @@ class _Problem:
         return found
 
     def scatter(self, pull: Floats) -> Floats:
-        """Return (f, f) the covariance of sums of residuals with weights (r, f), from the scatter of the pixels."""
-        s = self.mean.size
+        """Return (f, f) the covariance of sums of residuals with weights (r, f), from the scatter of the data.
+
+        How far the law is believed has no part in it: it only keeps one mean that is known very well from deciding
+        alone.
+        """
+        s, k = self.mean.size, self.latency.size
         by_pixel = (self.own - self.mean) * np.sqrt(self.weight) @ pull[:s]
         chance = by_pixel.T @ by_pixel / self.pixels / (self.pixels - 1.0)
-        return np.asarray(chance + (pull[:s].T * self.law) @ pull[:s] + pull[s:].T @ pull[s:])
+        late = pull[s : s + k] * (self.latency_chance / self.latency_sd)[:, None]
+        return np.asarray(chance + late.T @ late + pull[s + k :].T @ pull[s + k :])
+
+    def doubt(self, pull: Floats) -> Floats:
+        """Return (f, f) the same from how far the law is believed."""
+        s, k = self.mean.size, self.latency.size
+        late = pull[s : s + k] * np.sqrt(1.0 - (self.latency_chance / self.latency_sd) ** 2)[:, None]
+        return np.asarray((pull[:s].T * self.law) @ pull[:s] + late.T @ late)
 
     def residuals(self, x: Floats) -> Floats:
         """Return what is measured less what is expected, in standard errors; then what is known beforehand."""
@@ -307,4 +318,4 @@ def _constant(problem: _Problem, own: Floats, jacobian: Floats, residual: Floats
     if not left.shape[1]:
         return 0.0, 0
     score = left.T @ residual
-    return float(score @ np.linalg.solve(problem.scatter(left), score)), left.shape[1]
+    return float(score @ np.linalg.solve(problem.scatter(left) + problem.doubt(left), score)), left.shape[1]

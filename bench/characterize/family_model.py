@@ -17,6 +17,7 @@ import numpy as np
 
 from bench.analysis.first_passage import SurvivalTable, survival_table
 from bench.analysis.noisy_pixel_model import Conditions, Pixels, gauss_nodes, probability, unanswered_over_time
+from bench.characterize.rearming import Lags, left_of_reset
 from bench.characterize.slow_step import slow_step
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def _typical_dark(family: Family) -> float:
     return family.dark_lux * math.exp(-0.5 * family.dark_spread2)
 
 
-def expected(level: Level, family: Family, other_ratio: float, armed_s: float) -> Expected:
+def expected(level: Level, family: Family, other_ratio: float) -> Expected:
     """Return what a level is expected to show.
 
     A photoreceptor that is much faster than the low-pass only delays; one that is not is worked out, and between the
@@ -92,10 +93,8 @@ def expected(level: Level, family: Family, other_ratio: float, armed_s: float) -
     ----------
     other_ratio
         Threshold of the other polarity, divided by that of this one.
-    armed_s
-        Time between the memorising of the reference and the step.
     """
-    at = _Place(level, family, other_ratio, armed_s)
+    at = _Place(level, family, other_ratio)
     low, high = _DELAYS_ONLY
     slow = min(max((at.lag.max() - low) / (high - low), 0.0), 1.0)
     slow = slow * slow * (3.0 - 2.0 * slow)
@@ -116,27 +115,31 @@ def _between(a: Expected, b: Expected, part: float) -> Expected:
 class _Place:
     """A sensor at one light level."""
 
-    def __init__(self, level: Level, family: Family, other_ratio: float, armed_s: float) -> None:
-        self._level, self._family, self._other_ratio, self._armed_s = level, family, other_ratio, armed_s
+    def __init__(self, level: Level, family: Family, other_ratio: float) -> None:
+        self._level, self._family = level, family
         self._signal, total = signals(level, family)
-        self._noise, more2 = _noise(level, family, total)
+        self._noise, there, more2 = _noise(level, family, self._signal, total)
+        self._stretch = self._noise / there
         # A pixel with more dark light sees less of a step, as if its threshold were higher by what the signal lacks.
         sign = 1.0 if level.key.polarity == "on" else -1.0
         part = _typical_dark(family) / total * np.abs(np.expm1(-sign * self._signal))
         self._frozen2 = family.mismatch2 + part**2 * family.dark_spread2
         self._spread2 = self._frozen2 + more2
         self.tau_s = math.exp(family.ln_tau)
-        self.step = self._signal / self._noise
+        self.step = self._signal / there
         self.lag = _lag_s(level, family, self._signal, total) / self.tau_s
+        opposite = other_ratio * family.theta
+        self._theta = family.theta + _left_of_reset(level, family, self._noise, opposite, total)
+        self._other_ratio = opposite / self._theta
 
     def expected(self, table: Survival, later_s: float) -> Expected:
         """Return what is expected from chances of no answer, all answers later by some time."""
         level, family, sd = self._level, self._family, np.sqrt(np.abs(self._spread2))
-        conditions = Conditions(self.tau_s, level.window_s - later_s, self._armed_s, level.grid_s)
-        pixels = Pixels(family.theta, self._noise, float(sd.mean()), 1.0, self._other_ratio)
+        conditions = Conditions(self.tau_s, level.window_s - later_s, level.reset.armed_s, level.grid_s)
+        pixels = Pixels(self._theta, self._noise, float(sd.mean()), 1.0, self._other_ratio)
         z, weight = gauss_nodes(_NODES)
-        theta = np.maximum(family.theta + z[:, None] * sd, _LEAST_THETA * family.theta)
-        chance = probability(theta, pixels, conditions, self._signal, table)
+        theta = np.maximum(self._theta + z[:, None] * sd, _LEAST_THETA * family.theta)
+        chance = probability(theta * self._stretch, pixels, conditions, self._signal * self._stretch, table)
         middle = chance[_NODES // 2]
         # Below none, by chance, or for OFF: the other way.
         way = np.sign(self._spread2)
@@ -147,20 +150,25 @@ class _Place:
         even, odd = ((centred * np.sign(part))[:, ::2].sum(axis=1), centred[:, 1::2].sum(axis=1))
         frozen = float(weight @ (even * odd))
         spread = np.where(part > 0.0, weight @ centred**2, 0.0)
-        latency_s = _latencies(pixels, conditions, self._signal[level.timed], table)
+        latency_s = _latencies(pixels, conditions, self._signal[level.timed], self._stretch[level.timed], table)
         return Expected(share, spread, frozen, latency_s + later_s + family.delay_s)
 
 
-def _noise(level: Level, family: Family, total_lux: float) -> tuple[float, float]:
-    """Return the rms of the noise when the threshold is reached, and by how much its variance was more before.
+def _noise(level: Level, family: Family, signal: Floats, total_lux: float) -> tuple[float, Floats, Floats]:
+    """Return the rms of the noise at the baseline, (m,) after each step, and by how much its variance fell.
 
-    There the light, dark light included, is e^theta times that of the baseline (OFF: e^-theta), and shot noise less
-    by this factor. The reference was memorised at the baseline; its noise is that of the baseline.
+    Shot noise falls as the light rises, dark light included: after the step, or once the threshold is reached, by
+    this factor. The reference was memorised at the baseline; its noise is that of the baseline.
     """
-    reached = math.exp(family.theta if level.key.polarity == "on" else -family.theta)
+    sign = 1.0 if level.key.polarity == "on" else -1.0
+    reached = np.exp(sign * np.minimum(signal, family.theta))
     floor2, shot2 = family.noise_rms**2, family.shot_lux / total_lux
-    there2 = max(floor2 + shot2 / reached, _LEAST_PART * floor2)
-    return max(math.sqrt(there2), _LEAST_NOISE * family.theta), shot2 - shot2 / reached
+    least2 = max(_LEAST_PART * floor2, (_LEAST_NOISE * family.theta) ** 2)
+    return (
+        math.sqrt(max(floor2 + shot2, least2)),
+        np.sqrt(np.maximum(floor2 + shot2 / reached, least2)),
+        np.asarray(shot2 - shot2 / reached),
+    )
 
 
 def _lag_s(level: Level, family: Family, signal: Floats, total_lux: float) -> Floats:
@@ -169,9 +177,22 @@ def _lag_s(level: Level, family: Family, signal: Floats, total_lux: float) -> Fl
     return np.asarray(family.slow_s_lux / total_lux * np.exp(-sign * signal))
 
 
-def _latencies(pixels: Pixels, conditions: Conditions, signal: Floats, table: Survival) -> Floats:
+def _left_of_reset(level: Level, family: Family, noise: float, opposite: float, total_lux: float) -> float:
+    """Return by how much the reference lies beyond the baseline: what a slow photoreceptor still saw of the reset."""
+    lag_s = family.slow_s_lux / total_lux
+    if lag_s <= 0.0 or math.isnan(level.reset.dead_s):
+        return 0.0
+    sign = 1.0 if level.key.polarity == "on" else -1.0
+    part = 1.0 - _typical_dark(family) / total_lux
+    reset = abs(math.log1p(part * math.expm1(sign * level.reset.contrast)))
+    return left_of_reset(reset, opposite, noise, Lags(math.exp(family.ln_tau), lag_s), level.reset)
+
+
+def _latencies(
+    pixels: Pixels, conditions: Conditions, signal: Floats, stretch: Floats, table: Survival
+) -> Floats:  # fmt: skip
     """Return (k,) the mean latency of those answers that come within the window."""
-    time, missed = unanswered_over_time(pixels, conditions, signal, table)
+    time, missed = unanswered_over_time(pixels, conditions, signal, table, stretch)
     end = min(conditions.window_s / conditions.tau_s, float(time[-1]))
     inside = np.append(time[time < end], end)
     left = np.array([np.interp(inside, time, one) for one in missed]).reshape(len(signal), inside.size)

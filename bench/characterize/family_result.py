@@ -64,7 +64,7 @@ def family_result(
         theta=best,
         dark_lux=dark,
         biased=biased,
-        warnings=tuple(_warnings(family, found)),
+        warnings=tuple(_warnings(family, found, points)),
     )
 
 
@@ -104,7 +104,9 @@ def _constancy(found: FamilyFit | None, line: Line | None) -> Constancy | None:
     return None
 
 
-def _warnings(family: CurveFamily, found: FamilyFit | None) -> Iterator[str]:
+def _warnings(
+    family: CurveFamily, found: FamilyFit | None, points: Sequence[PointData]
+) -> Iterator[str]:  # fmt: skip
     if found is None:
         return
     if found.chi2 > _POOR * found.dof:
@@ -113,9 +115,11 @@ def _warnings(family: CurveFamily, found: FamilyFit | None) -> Iterator[str]:
             "widened by it: something else is at work; `evs-bench diagnose` tells what"
         )
     slowest = min((found.at(c.key.baseline_lux, c.key.nd_od)[1] for c in family.curves), default=np.inf)
-    if math.isfinite(slowest) and found.sees_slow:
+    taken = {row.point for row in family.rows}
+    dead_time_known = all(math.isfinite(p.refractory_s) for p in points if p.index in taken)
+    if math.isfinite(slowest) and found.sees_slow and not dead_time_known:
         yield (
             f"at the dimmest level the photoreceptor has a corner of {slowest:.3g} Hz: with a dead time that is not "
             f"several times its {1e3 / (2 * math.pi * slowest):.3g} ms a pixel memorises its reference before the "
-            "light of the reset pulse is gone, which the fit does not know of"
+            "light of the reset pulse is gone; the dead time was not recorded, so the fit does not allow for it"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -15,19 +16,36 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.analysis.results import CurveKey, ResponseRow
+    from bench.store.data import PointData
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Level", "levels_of"]
+__all__ = ["Level", "Reset", "levels_of"]
 
 _LEAST_ANSWERS: Final = 50  # that a contrast needs for its latencies to be used
 _LEAST_SHARE: Final = 0.5  # of the pulses, likewise
 _SILENT: Final = 0.003  # of the plateau: contrasts that far from the floor, or the plateau, lie on the rise
 _ON_PLATEAU: Final = 3  # contrasts
 _LATENCIES: Final = 4  # contrasts of a level whose latencies are used, at the most
+_SAME_TIME_S: Final = 1e-9
+_LEAST_ARMED: Final = 0.1  # of the gap
 _HIGHEST: Final = (
     1.55  # of the lowest of them: far above the threshold a latency tells of the light more than of the pixel
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Reset:
+    """What comes before a test pulse: a pulse whose end fires an opposite event, upon which the pixel memorises."""
+
+    contrast: float  #: of the reset pulse over the baseline, ln; as large as it is, whatever its sign
+    gap_s: float  #: from its end to the test pulse
+    dead_s: float  #: dead time of the pixels; NaN: not known
+
+    @property
+    def armed_s(self) -> float:
+        """For how long a pixel is armed before the step: the gap, less the dead time where it is known."""
+        return self.gap_s if math.isnan(self.dead_s) else max(self.gap_s - self.dead_s, _LEAST_ARMED * self.gap_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +61,7 @@ class Level:
     latency_sd_s: Floats  #: (k,) its standard error
     window_s: float  #: length of the response window
     grid_s: float  #: time between two looks of the comparators; 0 for those that never look away
+    reset: Reset
 
     @property
     def mean(self) -> Floats:
@@ -50,13 +69,15 @@ class Level:
         return np.asarray(self.share.mean(axis=0))
 
 
-def levels_of(rows: Iterable[ResponseRow]) -> list[Level]:
+def levels_of(rows: Iterable[ResponseRow], points: Iterable[PointData]) -> list[Level]:
     """Return the reset/test curves of one polarity, from the dimmest level on; with less light behind a filter first.
 
     Parameters
     ----------
     rows
         The answers of one run to test pulses of one polarity, at one setting and pulse width.
+    points
+        The points of that run; they tell what comes before a pulse.
     """
     by_key: dict[CurveKey, list[ResponseRow]] = {}
     for row in rows:
@@ -65,10 +86,23 @@ def levels_of(rows: Iterable[ResponseRow]) -> list[Level]:
     curves.sort(key=lambda own: (own[0].key.baseline_lux, -own[0].key.nd_od))
     grid_s = time_grid_s([row for own in curves for row in own])
     alive = np.any([row.per_pixel > 0 for own in curves for row in own], axis=0) if curves else np.zeros(0, np.bool_)
-    return [_level(own, alive, grid_s) for own in curves]
+    point = {p.index: p for p in points}
+    return [_level(own, alive, grid_s, _reset_of([point[row.point] for row in own])) for own in curves]
 
 
-def _level(rows: Sequence[ResponseRow], alive: npt.NDArray[np.bool_], grid_s: float) -> Level:
+def _reset_of(points: Sequence[PointData]) -> Reset:
+    """Return what comes before the test pulses of a level: the median of its points."""
+    found = []
+    for point in points:
+        before = np.flatnonzero(point.stimulus_t_s < point.pulse_start_s[0] - _SAME_TIME_S)[-2:]
+        end_s = point.stimulus_t_s[before[-1]] if before.size else 0.0
+        lux = point.stimulus_lux[before]
+        contrast = abs(math.log(lux[0] / lux[1])) if before.size == 2 and min(lux) > 0.0 else 0.0
+        found.append((contrast, point.pulse_start_s[0] - end_s, point.refractory_s))
+    return Reset(*(float(value) for value in np.median(found, axis=0)))
+
+
+def _level(rows: Sequence[ResponseRow], alive: npt.NDArray[np.bool_], grid_s: float, reset: Reset) -> Level:
     rows = _telling(rows)
     pulses = np.array([float(row.pulses) for row in rows])
     share = np.stack([row.per_pixel[alive] for row in rows], axis=1) / pulses
@@ -91,6 +125,7 @@ def _level(rows: Sequence[ResponseRow], alive: npt.NDArray[np.bool_], grid_s: fl
         latency_sd_s=np.array([sd for _, sd in timing]),
         window_s=float(rows[0].latency_edges_s[-1]),
         grid_s=grid_s,
+        reset=reset,
     )
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["SlowStep", "slow_step"]
+__all__ = ["SlowStep", "reached", "slow_step"]
 
 _LONGEST: Final = 1.5  # step of time, units of tau
 _MOVED: Final = 0.5  # by which the mean output moves in a step of time at the most, sigma
@@ -55,7 +55,7 @@ class SlowStep:
         self._known = survival_table().barrier
         slow = np.maximum(lag, _SMALLEST)
         self.time = _times(end, float(slow.min()), float(step.max()))
-        short = step * (_reached(end, slow) - 1.0)
+        short = step * (reached(end, slow) - 1.0)
         nodes = short[:, None] + _HALF + _BARRIERS
         self._survival = _on_barriers(self._known, nodes, survive(self.time, nodes, step, slow))
 
@@ -72,7 +72,7 @@ class SlowStep:
         return np.asarray(self._survival[self._places(step)])
 
     def _places(self, step: Floats) -> npt.NDArray[np.intp]:
-        return np.searchsorted(self._step, step * (1.0 - 1e-12))
+        return np.asarray(np.abs(self._step - step[:, None]).argmin(axis=1))
 
 
 @lru_cache(maxsize=32)
@@ -81,7 +81,7 @@ def slow_step(step: tuple[float, ...], lag: tuple[float, ...], end: float) -> Sl
     return SlowStep(np.array(step), np.array(lag), end)
 
 
-def _reached(time: float | Floats, lag: Floats) -> Floats:
+def reached(time: float | Floats, lag: Floats) -> Floats:
     """Return the part of a step that the mean output has done by a time: two low-passes, one behind the other."""
     apart = np.where(np.abs(lag - 1.0) < 1e-6, 1.0 + 1e-6, lag)
     return np.asarray(1.0 - (apart * np.exp(-time / apart) - np.exp(-time)) / (apart - 1.0))
@@ -90,7 +90,7 @@ def _reached(time: float | Floats, lag: Floats) -> Floats:
 def _times(end: float, lag: float, step: float) -> Floats:
     """Return times, close together while the output of the largest, fastest step moves."""
     fine = np.linspace(0.0, end, _FINE)
-    moved = step * _reached(fine, np.asarray(lag)) / _MOVED + fine / _LONGEST
+    moved = step * reached(fine, np.asarray(lag)) / _MOVED + fine / _LONGEST
     # Chances are even early on, and hardly change before the output moves: the first step may be like the others.
     count = math.ceil(float(moved[-1]))
     return np.interp(np.linspace(0.0, float(moved[-1]), count + 1), moved, fine)

@@ -28,6 +28,9 @@ _THETA_OFF: Final = 0.25
 #: Light levels, lux, and the density of the filter in the path. One level is taken with and without.
 _LEVELS: Final = ((0.076, 3.0), (0.152, 3.0), (0.304, 3.0), (0.304, 0.0), (3.0, 0.0), (100.0, 0.0))
 _CONTRASTS: Final = 10
+#: Gap, reset and test pulse, s, and the number of pulses where they are others: long for a slow photoreceptor, short
+#: where a simulation takes long.
+_TIMING: Final = {"bandwidth": (0.1, 0.1, 0.02, 10), "noise": (0.02, 0.02, 0.02, 15)}
 _RESET: Final = 1.8  # of the contrast whose return fires an opposite event
 
 
@@ -89,7 +92,7 @@ class Plan:
 def plan_of(setting: Setting) -> list[Plan]:
     """Return the points that are taken of a sensor: contrasts around the one that each level needs."""
     slow = setting.kind == "bandwidth"
-    gap_s, reset_s, test_s, pulses = (0.1, 0.1, 0.02, 10) if slow else (0.03, 0.03, 0.03, 20)
+    gap_s, reset_s, test_s, pulses = _TIMING.get(setting.kind, (0.03, 0.03, 0.03, 20))
     shares = np.linspace(0.45, 2.4 if slow else 1.7, _CONTRASTS)
     found = []
     for lux, nd_od in _LEVELS:
