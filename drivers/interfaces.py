@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from drivers.events.types import EventChunk
+    from drivers.transport.trace import Trace
     from protocols.points import Ambient, Roi
 
 _log = logging.getLogger("evs_bench.devices")
@@ -122,6 +123,9 @@ class Device(ABC):
             else:
                 self.unsafe = None
 
+    def trace_to(self, trace: Trace | None) -> None:  # noqa: B027 - a device without a wire has nothing to trace
+        """Write every byte that goes over the device's link into `trace` from now on; None: no more."""
+
     def _require_safe(self) -> None:
         """Let go of the device, and raise, if it could not be brought to its safe state."""
         if self.unsafe is not None:
@@ -185,6 +189,11 @@ class LightSource(Device):
     limits: Limits  #: lowest and highest level that is lit, in the unit of the source; 0 (dark) is always allowed
     edge_time_s: float  #: 10 % to 90 % of a step, s
     settling_s: float  #: from a step until the light is stable, s
+    level_step: float = 0.0  #: between two levels that it can be set to, in the unit of `limits`; 0: any level
+
+    def nearest(self, level: float) -> float:
+        """Return the level nearest to `level` that the source can be set to."""
+        return level if self.level_step == 0.0 else round(level / self.level_step) * self.level_step
 
     def set_level(self, level: float) -> None:
         """Go to `level` (unit of `limits`); 0 is dark."""

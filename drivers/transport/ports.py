@@ -1,0 +1,185 @@
+"""Ports that carry bytes: a serial port, a network socket, a file of the kernel's usbtmc driver."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import select
+import socket
+import time
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+__all__ = ["BytePort", "SerialPort", "SocketPort", "UsbTmcPort"]
+
+_log = logging.getLogger("evs_bench.devices")
+
+_CHUNK: Final = 65536
+_WRITE_TIMEOUT_S: Final = 5.0
+
+
+class BytePort(Protocol):
+    """What a link needs of a port. Failures are `OSError`."""
+
+    def open(self) -> None:
+        """Open it; harmless if it is open."""
+
+    def close(self) -> None:
+        """Close it; harmless if it is closed."""
+
+    def write(self, data: bytes) -> None:
+        """Write all of `data`."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come, at least one byte, or nothing after `timeout_s`."""
+
+
+class SerialPort:
+    """A serial port, 8N1, nobody else's while it is open.
+
+    Parameters
+    ----------
+    path
+        Name of the port (/dev/ttyUSB0, /dev/serial/by-id/..., COM3).
+    baud
+        Bits per second.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        self.path = path
+        self._baud = baud
+        self._port: Any = None
+
+    def open(self) -> None:
+        """Open it, and let an FTDI chip pass on replies at once instead of every 16 ms, where that can be set."""
+        import serial
+
+        if self._port is not None:
+            return
+        self._port = serial.Serial(
+            self.path, self._baud, timeout=0.0, write_timeout=_WRITE_TIMEOUT_S, exclusive=os.name == "posix" or None
+        )
+        with contextlib.suppress(AttributeError, ValueError, OSError, NotImplementedError):
+            self._port.set_low_latency_mode(True)
+
+    def close(self) -> None:
+        """Close it; harmless if it is closed."""
+        port, self._port = self._port, None
+        if port is not None:
+            port.close()
+
+    def write(self, data: bytes) -> None:
+        """Write all of `data`."""
+        self._opened().write(data)
+        self._opened().flush()
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come, at least one byte, or nothing after `timeout_s`."""
+        port = self._opened()
+        port.timeout = max(timeout_s, 0.0)
+        first = port.read(1)
+        return bytes(first + port.read(port.in_waiting)) if first else b""
+
+    @property
+    def fd(self) -> int:
+        """File descriptor, for a process that goes on with the open port (POSIX only)."""
+        return int(self._opened().fileno())
+
+    def _opened(self) -> Any:
+        if self._port is None:
+            raise OSError(f"port {self.path} is not open")
+        return self._port
+
+
+class SocketPort:
+    """A TCP connection to an instrument.
+
+    Parameters
+    ----------
+    host, port
+        Where it listens.
+    connect_timeout_s
+        How long to wait for it to answer the call.
+    """
+
+    def __init__(self, host: str, port: int, connect_timeout_s: float = 5.0) -> None:
+        self.path = f"{host}:{port}"
+        self._address = (host, port)
+        self._connect_timeout_s = connect_timeout_s
+        self._socket: socket.socket | None = None
+
+    def open(self) -> None:
+        """Open it; harmless if it is open."""
+        if self._socket is None:
+            self._socket = socket.create_connection(self._address, self._connect_timeout_s)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def close(self) -> None:
+        """Close it; harmless if it is closed."""
+        opened, self._socket = self._socket, None
+        if opened is not None:
+            opened.close()
+
+    def write(self, data: bytes) -> None:
+        """Write all of `data`."""
+        opened = self._opened()
+        opened.settimeout(_WRITE_TIMEOUT_S)
+        opened.sendall(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come, at least one byte, or nothing after `timeout_s`."""
+        opened = self._opened()
+        opened.settimeout(max(timeout_s, 1e-4))
+        try:
+            data = opened.recv(_CHUNK)
+        except TimeoutError:
+            return b""
+        if not data:
+            raise ConnectionResetError(f"{self.path} closed the connection")
+        return data
+
+    def _opened(self) -> socket.socket:
+        if self._socket is None:
+            raise OSError(f"connection to {self.path} is not open")
+        return self._socket
+
+
+class UsbTmcPort:
+    """An instrument behind the kernel's usbtmc driver: one write is a message, one read is an answer (Linux only).
+
+    Parameters
+    ----------
+    path
+        /dev/usbtmc0, for example.
+    """
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self._fd: int | None = None
+
+    def open(self) -> None:
+        """Open it; harmless if it is open."""
+        if self._fd is None:
+            self._fd = os.open(Path(self.path), os.O_RDWR)
+
+    def close(self) -> None:
+        """Close it; harmless if it is closed."""
+        fd, self._fd = self._fd, None
+        if fd is not None:
+            os.close(fd)
+
+    def write(self, data: bytes) -> None:
+        """Write all of `data`."""
+        os.write(self._opened(), data)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come, at least one byte, or nothing after `timeout_s`."""
+        fd, deadline = self._opened(), time.monotonic() + timeout_s
+        readable, _, _ = select.select([fd], [], [], max(deadline - time.monotonic(), 0.0))
+        return os.read(fd, _CHUNK) if readable else b""
+
+    def _opened(self) -> int:
+        if self._fd is None:
+            raise OSError(f"{self.path} is not open")
+        return self._fd
