@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from drivers.errors import DeviceError, OutOfRange, WrongState
+from drivers.errors import DeviceError, OutOfRange, Unsupported, WrongState
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -57,7 +57,13 @@ class Clock(Protocol):
 
 
 class World(ABC):  # noqa: B024 - it declares, and asks for nothing
-    """What simulated devices share, for a class to say that a station may make it: it has no methods."""
+    """What simulated devices share. In a station file `$world.name` stands for what it calls `name`."""
+
+    def open(self) -> None:  # noqa: B027 - most worlds have nothing beside themselves
+        """Start what it runs beside itself, before the devices connect; harmless if that runs."""
+
+    def close(self) -> None:  # noqa: B027
+        """End what it runs beside itself, after the devices were closed; harmless if nothing runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,17 +202,27 @@ class LightSource(Device):
         return level if self.level_step == 0.0 else round(level / self.level_step) * self.level_step
 
     def set_level(self, level: float) -> None:
-        """Go to `level` (unit of `limits`); 0 is dark."""
+        """Go to `level` (unit of `limits`), or the nearest one that the source can be set to; 0 is dark."""
         self.require_connected(f"set level to {level:g} {self.limits.unit}")
         self._require_level(level)
-        self._set_level(level)
+        self._set_level(self.nearest(level))
 
     def play(self, waveform: Waveform) -> PlayedWaveform:
-        """Play `waveform` from its first level to its end, and return when it is over."""
+        """Play `waveform`, each level the nearest that the source can be set to, and return when it is over."""
         self.require_connected("play a waveform")
         for level in np.unique(waveform.level):
             self._require_level(float(level))
+        reason = self.why_not(waveform)
+        if reason:
+            raise Unsupported(self.name, "play a waveform", reason)
+        if self.level_step:
+            levels = np.array([self.nearest(float(level)) for level in waveform.level])
+            waveform = Waveform(waveform.t_s, levels, waveform.duration_s)
         return self._play(waveform)
+
+    def why_not(self, waveform: Waveform) -> str:  # noqa: ARG002 - a source that can time anything does not look
+        """Return why the source cannot time a waveform, for people; empty if it can. It need not be connected."""
+        return ""
 
     def _require_level(self, level: float) -> None:
         if level != 0.0:

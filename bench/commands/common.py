@@ -23,6 +23,7 @@ __all__ = [
     "results_option",
     "say",
     "station_option",
+    "trace_option",
 ]
 
 SEED = click.IntRange(0, 2**63 - 1)
@@ -51,6 +52,23 @@ effects_option = click.option(
     expose_value=False,
     callback=_load_effects,
     help="A Python file with an effect of your own; it is run. Can be given several times.",
+)
+
+
+def _start_trace(ctx: click.Context, _param: click.Parameter, file: Path | None) -> None:
+    if file is not None and not ctx.resilient_parsing:
+        from bench.station.tracing import tracing
+
+        ctx.with_resource(tracing(file))
+
+
+trace_option = click.option(
+    "--trace",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    expose_value=False,
+    callback=_start_trace,
+    help="Write every byte to and from the instruments, with its time, into FILE.",
 )
 
 results_option = click.option(

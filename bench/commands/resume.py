@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import blind_station_option, effects_option, json_option
+from bench.commands.common import blind_station_option, effects_option, json_option, trace_option
 from bench.commands.running import (
     OperatorSteps,
     operator_option,
@@ -23,6 +23,7 @@ __all__ = ["command"]
 @click.argument("run", type=click.Path(path_type=Path))
 @blind_station_option
 @effects_option
+@trace_option
 @workforce_options
 @operator_option
 @json_option

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from bench.commands.common import SEED, effects_option, json_option, station_option
+from bench.commands.common import SEED, effects_option, json_option, station_option, trace_option
 from bench.commands.running import (
     OperatorSteps,
     operator_option,
@@ -23,6 +23,7 @@ __all__ = ["command"]
 @click.argument("protocol")
 @station_option
 @effects_option
+@trace_option
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to make; default is runs/ID.")
 @click.option("--seed", type=SEED, help="Seed of a simulated run, instead of all in the protocol.")
 @workforce_options

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from protocols.stimulus import Stimulus
 
 _T = TypeVar("_T")
+_SAME_TIME_S: Final = 1e-7
 
 __all__ = ["PlannedPoint", "Refusal", "plan", "plan_or_raise", "ranges_text"]
 
@@ -33,8 +34,9 @@ class PlannedPoint:
     point: Point
     stimulus: Stimulus
     filter_name: str
-    waveform: Waveform  #: levels in the unit of the light source
+    waveform: Waveform  #: levels in the unit of the light source, as it can be set to them
     biases: dict[str, int]  #: offsets from the factory codes
+    log_contrast: float  #: of the steps that the source can be set to, ln
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +114,24 @@ def _plan_point(point: Point, station: Station, problems: list[_Problem]) -> Pla
     levels = _levels(stimulus.lux, filter_name, station, problems)
     if problems or biases is None:
         return None
-    return PlannedPoint(point, stimulus, filter_name, Waveform(stimulus.t_s, levels, stimulus.duration_s), biases)
+    waveform = Waveform(stimulus.t_s, levels, stimulus.duration_s)
+    reason = station.light.why_not(waveform)
+    if reason:
+        problems.append(_Problem(f"{station.light.name} cannot time it: {reason}"))
+        return None
+    if station.light.level_step == 0.0:
+        return PlannedPoint(point, stimulus, filter_name, waveform, biases, point.log_contrast)
+    as_set = replace(stimulus, lux=levels * station.calibration.lux_per_level(filter_name))
+    return PlannedPoint(point, as_set, filter_name, waveform, biases, _contrast_of(as_set, point))
+
+
+def _contrast_of(stimulus: Stimulus, point: Point) -> float:
+    """Return the log contrast of the steps at which the windows begin."""
+    if not stimulus.pulse_start_s.size or point.log_contrast == 0.0:
+        return point.log_contrast
+    edge = np.searchsorted(stimulus.t_s, stimulus.pulse_start_s + _SAME_TIME_S, side="right") - 1
+    edge = edge[edge > 0]
+    return float(np.median(np.abs(np.log(stimulus.lux[edge] / stimulus.lux[edge - 1]))))
 
 
 def _collect(problems: list[_Problem], ask: Callable[[], _T]) -> _T | None:
@@ -155,7 +174,8 @@ def _levels(
         text = f" on chip behind filter {filter_name}: {station.light.name} reaches"
         problems.append(_Problem(f"{text} {reach.lowest:.4g} to {reach.highest:.4g} {reach.unit} there", beyond))
         return np.empty(0)
-    return np.array([calibration.level_for(float(value), filter_name) for value in different])[where]
+    levels = [station.light.nearest(calibration.level_for(float(value), filter_name)) for value in different]
+    return np.array(levels)[where]
 
 
 def ranges_text(points: Sequence[int]) -> str:

@@ -133,7 +133,7 @@ class Recorder:
             waveform=point.waveform,
             polarity=point.polarity,
             baseline_lux=point.baseline_lux,
-            log_contrast=point.log_contrast,
+            log_contrast=planned.log_contrast,
             duration_s=duration_s,
             nd_od=point.nd_od,
             stimulus=placed.stimulus,

@@ -74,12 +74,14 @@ class _Assembly:
         self._stop_at_problems()
         made = self._made(classes)
         self._stop_at_problems()
+        world = made.pop("world", None)
         calibration = self._calibration(made["light"])
         self._compare(made["light"], made["wheel"], made["camera"])
         self._stop_at_problems()
         return Station(
             name=self._file.name,
             **made,
+            world=world,
             calibration=calibration,
             sensor=Sensor(**self._file.sensor.model_dump()),
             plan=self._file.model_dump(mode="json", by_alias=True),
@@ -96,7 +98,7 @@ class _Assembly:
             found[path] = cls
             for name, message in argument_problems(cls, args):
                 self._problem((*path, "args") if name is None else (*path, "args", name), message)
-            if self._file.world is None and "$world" in [v for v in args.values() if isinstance(v, str)]:
+            if self._file.world is None and any(str(v).partition(".")[0] == "$world" for v in args.values()):
                 self._problem((*path, "args"), "$world is named, but the station has no world")
         return found
 
@@ -127,7 +129,7 @@ class _Assembly:
         return cls
 
     def _made(self, classes: Mapping[_Path, type[Any]]) -> dict[str, Any]:
-        """Return clock and devices by role."""
+        """Return world, clock and devices by role."""
         made: dict[str, Any] = {}
         for path, _, args in self._parts():
             try:
@@ -142,11 +144,13 @@ class _Assembly:
                 self._known[f"${path[-1]}"] = part
             if path[-1] in ("world", "clock"):  # what the others are made of
                 self._stop_at_problems()
-        made.pop("world", None)
         return made
 
     def _value(self, value: Any) -> Any:
-        return self._known[value] if isinstance(value, str) and value.startswith("$") else value
+        if not isinstance(value, str) or not value.startswith("$"):
+            return value
+        part, _, name = value.partition(".")
+        return getattr(self._known[part], name) if name else self._known[part]
 
     def _calibration(self, light: LightSource) -> Calibration:
         section = self._file.calibration

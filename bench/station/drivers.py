@@ -70,11 +70,17 @@ def argument_problems(cls: type[Any], args: Mapping[str, Any]) -> Iterator[tuple
     for name, value in args.items():
         if name not in named and not any_name:
             yield name, f"unknown argument{_hint(name, named)}"
-        elif isinstance(value, str) and value.startswith("$") and value not in TOKENS:
+        elif isinstance(value, str) and value.startswith("$") and not _stands_for_something(value):
             yield name, f"{value} stands for nothing; known are {', '.join(TOKENS)}"
     missing = [name for name, p in named.items() if p.default is p.empty and name not in args]
     if missing:
         yield None, f"missing for {cls.__name__}: {', '.join(missing)}"
+
+
+def _stands_for_something(value: str) -> bool:
+    """Return whether an argument is a token, or a public name of the world."""
+    token, _, name = value.partition(".")
+    return token in TOKENS and (not name or (token == TOKENS[0] and name.isidentifier() and name[0] != "_"))
 
 
 def _hint(name: str, known: Iterable[str]) -> str:

@@ -7,6 +7,7 @@ import contextlib
 import logging
 from typing import TYPE_CHECKING, Any, Self
 
+from bench.station.tracing import current_trace
 from drivers.errors import ConnectionFailed, DeviceError
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from bench.station.calibration import Calibration
     from bench.store.data import Sensor
-    from drivers.interfaces import Clock, Device, EventCamera, FilterWheel, LightSource
+    from drivers.interfaces import Clock, Device, EventCamera, FilterWheel, LightSource, World
 
 __all__ = ["DevicesFailed", "Station", "naming"]
 
@@ -79,12 +80,14 @@ class Station:
         sensor: Sensor,
         plan: Mapping[str, Any],
         blind: bool = False,
+        world: World | None = None,
     ) -> None:
         self.name = name
         self.light = light
         self.wheel = wheel
         self.camera = camera
         self.clock = clock
+        self.world = world
         self.calibration = calibration
         self.sensor = sensor
         self.blind = blind  #: whether a run keeps nothing of it but its name
@@ -120,10 +123,9 @@ class Station:
         failures: list[DeviceError] = []
         atexit.register(self.safe_state)
         try:
-            for device in self.devices.values():
+            for role in self.devices:
                 try:
-                    with naming(device, "connect"):
-                        device.connect()
+                    self._connect(role)
                 except DeviceError as error:
                     failures.append(error)
             if failures:
@@ -132,6 +134,28 @@ class Station:
         except BaseException:
             self.close()
             raise
+
+    def connect_one(self, role: str) -> dict[str, str]:
+        """Connect the device of one role, and return its identity; :meth:`close` closes it.
+
+        Raises
+        ------
+        DevicesFailed
+            It could not be connected.
+        """
+        try:
+            self._connect(role)
+            return _identity(self.devices[role])
+        except DeviceError as error:
+            raise DevicesFailed(self.name, [error]) from error
+
+    def _connect(self, role: str) -> None:
+        if self.world is not None:
+            self.world.open()
+        device = self.devices[role]
+        device.trace_to(current_trace())
+        with naming(device, "connect"):
+            device.connect()
 
     def safe_state(self) -> None:
         """Bring all devices to their safe state: idempotent, never raises; see :attr:`unsafe`."""
@@ -151,6 +175,8 @@ class Station:
                 device.close()
             except Exception:  # noqa: BLE001 - the others must still be closed; the log has it
                 _log.exception("%s: could not be closed", device.name)
+        if self.world is not None:
+            self.world.close()
         atexit.unregister(self.safe_state)
 
     def identities(self) -> dict[str, dict[str, str]]:

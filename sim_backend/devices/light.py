@@ -47,6 +47,8 @@ class SimulatedLightSource(LightSource):
         From a step until the light is stable, s.
     latency_s
         From writing a request until the light steps, s; only where the host times.
+    level_step
+        Between two levels that it can be set to; 0: any level.
     name
         What the operator calls it.
     """
@@ -62,6 +64,7 @@ class SimulatedLightSource(LightSource):
         rise_tau_s: float = 0.0,
         settling_s: float = 0.0,
         latency_s: float = 0.0,
+        level_step: float = 0.0,
         name: str = "light source",
     ) -> None:
         super().__init__(name)
@@ -69,12 +72,18 @@ class SimulatedLightSource(LightSource):
             raise InputError(f"{name}: timing is {timing!r}; expected host or device")
         if not 0.0 < lowest < highest < math.inf:
             raise InputError(f"{name}: limits are {lowest} to {highest} {unit}; expected 0 < lowest < highest")
-        for what, value in (("rise_tau_s", rise_tau_s), ("settling_s", settling_s), ("latency_s", latency_s)):
+        durations = {"rise_tau_s": rise_tau_s, "settling_s": settling_s, "latency_s": latency_s}
+        for what, value in durations.items():
             if not 0.0 <= value < math.inf:
                 raise InputError(f"{name}: {what} is {value}; expected 0 s or more")
         self._world = world
         self._rise_tau_s = rise_tau_s
         self._latency_s = latency_s if timing == "host" else 0.0
+        if not 0.0 <= level_step < highest:
+            raise InputError(
+                f"{name}: level_step is {level_step}; expected 0 {unit} or more, and less than {highest}"
+            )
+        self.level_step = level_step
         self.timing = timing
         self.limits = Limits(lowest, highest, unit)
         self.edge_time_s = _EDGE_TAUS * rise_tau_s

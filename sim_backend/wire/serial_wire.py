@@ -58,14 +58,18 @@ class SerialWire:
         What goes wrong, request by request.
     seed
         Of random bytes.
+    folder
+        Where that link lies; None for a folder of its own.
     """
 
-    def __init__(self, firmware: Firmware, name: str, faults: Faults | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, firmware: Firmware, name: str, faults: Faults | None = None, seed: int = 0, folder: Path | None = None
+    ) -> None:
         self.firmware = firmware
         self.faults = faults or Faults()
         self._random = np.random.default_rng(seed)
-        self._folder = tempfile.TemporaryDirectory(prefix="evs-bench-wire-")
-        self._link = Path(self._folder.name) / name
+        self._own = tempfile.TemporaryDirectory(prefix="evs-bench-wire-") if folder is None else None
+        self._link = Path(self._own.name if self._own else folder or "") / name
         self._ends: tuple[int, int] | None = None
         self._closed = threading.Event()
         self._plug_in()
@@ -82,7 +86,8 @@ class SerialWire:
         self._closed.set()
         self._thread.join()
         self._unplug()
-        self._folder.cleanup()
+        if self._own:
+            self._own.cleanup()
 
     def _plug_in(self) -> None:
         import pty
