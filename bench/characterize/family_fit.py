@@ -41,6 +41,8 @@ _BELIEVED: Final = 0.005
 _ARMED_ROUNDS: Final = 3
 _STEP: Final = 0.1  # of the scale of a number, for derivatives
 _CLEARLY: Final = 3.0  # standard errors
+#: Of the low-pass's time constant: as much as a photoreceptor may be too fast by chance, at the dimmest level.
+_LITTLE_LAG: Final = 0.15
 _BEYOND: Final = 0.02  # of a threshold's change that no other number can make: less is none
 _TINY: Final = 1e-12
 
@@ -245,7 +247,7 @@ def _bounds(problem: _Problem) -> tuple[Floats, Floats]:
         "noise_rms": (1e-3, 2.0),
         "dark_lux": (-0.5 * dimmest, math.inf),
         "dark_spread2": (-1.0, 2.0),
-        "slow_s_lux": (0.0, math.inf),
+        "slow_s_lux": (-_LITTLE_LAG * math.exp(problem.start.ln_tau) * (dimmest + problem.start.dark_lux), math.inf),
         "filter_od": (-1.0, 1.0),
     }
     low, high = zip(*(bounds.get(name, (-math.inf, math.inf)) for name in problem.free), strict=True)

@@ -30,7 +30,7 @@ _LEVELS: Final = ((0.076, 3.0), (0.152, 3.0), (0.304, 3.0), (0.304, 0.0), (3.0, 
 _CONTRASTS: Final = 10
 #: Gap, reset and test pulse, s, and the number of pulses where they are others: long for a slow photoreceptor, short
 #: where a simulation takes long.
-_TIMING: Final = {"bandwidth": (0.1, 0.1, 0.02, 10), "noise": (0.02, 0.02, 0.02, 15)}
+_TIMING: Final = {"bandwidth": (0.08, 0.08, 0.02, 10), "noise": (0.02, 0.02, 0.02, 15)}
 _RESET: Final = 1.8  # of the contrast whose return fires an opposite event
 
 
