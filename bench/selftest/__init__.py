@@ -1,0 +1,1 @@
+"""First power-on of a station: what its instruments say and do, measured, with a report."""
