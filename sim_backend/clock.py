@@ -23,6 +23,7 @@ class VirtualClock:
 
     def __init__(self) -> None:
         self._now_ns = 0
+        self.reads = 0  #: how often a driver looked at it; an emulated instrument can wait until one has
 
     @property
     def now_ns(self) -> int:
@@ -31,6 +32,7 @@ class VirtualClock:
 
     def now(self) -> float:
         """Return the seconds since the world began."""
+        self.reads += 1
         return self._now_ns / NS_PER_S
 
     def sleep(self, seconds: float) -> None:

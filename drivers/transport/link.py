@@ -69,7 +69,6 @@ class Link:
             raise ConnectionFailed(
                 self._device, f"open {path}", str(error), "is it plugged in, switched on, and nobody else's?"
             ) from error
-        self._rest.clear()
         self.drain("open the link")
 
     def close(self) -> None:
@@ -155,6 +154,9 @@ class Link:
             The device is gone.
         """
         thrown, self._rest = bytes(self._rest), bytearray()
+        with self._failing(asked):
+            if self.port.discard():
+                return thrown
         deadline = time.monotonic() + _LONGEST_DRAIN_S
         while self._receive(self._quiet_s if quiet_s is None else quiet_s, asked):
             thrown += bytes(self._rest)

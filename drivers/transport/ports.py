@@ -5,9 +5,8 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import select
 import socket
-import time
+import sys
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -33,6 +32,9 @@ class BytePort(Protocol):
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, at least one byte, or nothing after `timeout_s`."""
+
+    def discard(self) -> bool:
+        """Throw away what waits unread, and return True; False where reading until all is quiet does it."""
 
 
 class SerialPort:
@@ -71,8 +73,14 @@ class SerialPort:
 
     def write(self, data: bytes) -> None:
         """Write all of `data`."""
-        self._opened().write(data)
-        self._opened().flush()
+        port = self._opened()
+        try:
+            port.write(data)
+            port.flush()
+        except Exception as error:
+            if isinstance(error, OSError) or type(error).__module__ != "termios":
+                raise
+            raise OSError(*error.args) from error  # termios.error, of a cable that is out, is no OSError
 
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, at least one byte, or nothing after `timeout_s`."""
@@ -80,6 +88,10 @@ class SerialPort:
         port.timeout = max(timeout_s, 0.0)
         first = port.read(1)
         return bytes(first + port.read(port.in_waiting)) if first else b""
+
+    def discard(self) -> bool:
+        """Return False: what waits can be read."""
+        return False
 
     @property
     def fd(self) -> int:
@@ -139,6 +151,10 @@ class SocketPort:
             raise ConnectionResetError(f"{self.path} closed the connection")
         return data
 
+    def discard(self) -> bool:
+        """Return False: what waits can be read."""
+        return False
+
     def _opened(self) -> socket.socket:
         if self._socket is None:
             raise OSError(f"connection to {self.path} is not open")
@@ -146,13 +162,20 @@ class SocketPort:
 
 
 class UsbTmcPort:
-    """An instrument behind the kernel's usbtmc driver: one write is a message, one read is an answer (Linux only).
+    """An instrument behind the kernel's usbtmc driver: one write is a message, one read asks for its answer (Linux).
+
+    A read when nothing was asked is an error of its own, so that there is no listening until the line is quiet;
+    :meth:`discard` clears the instrument's buffers instead. Requests: Linux, include/uapi/linux/usb/tmc.h.
 
     Parameters
     ----------
     path
         /dev/usbtmc0, for example.
     """
+
+    _CLEAR: Final = 0x5B02  # _IO('[', 2)
+    _SET_TIMEOUT: Final = 0x40045B0A  # _IOW('[', 10, u32), ms
+    _SHORTEST_MS: Final = 100
 
     def __init__(self, path: str) -> None:
         self.path = path
@@ -169,15 +192,27 @@ class UsbTmcPort:
         if fd is not None:
             os.close(fd)
 
+    def discard(self) -> bool:
+        """Clear the buffers of the instrument."""
+        self._control(self._CLEAR, 0)
+        return True
+
     def write(self, data: bytes) -> None:
         """Write all of `data`."""
         os.write(self._opened(), data)
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has come, at least one byte, or nothing after `timeout_s`."""
-        fd, deadline = self._opened(), time.monotonic() + timeout_s
-        readable, _, _ = select.select([fd], [], [], max(deadline - time.monotonic(), 0.0))
-        return os.read(fd, _CHUNK) if readable else b""
+        """Return the answer to what was asked, or nothing after `timeout_s` (0.1 s at the least)."""
+        self._control(self._SET_TIMEOUT, max(round(1e3 * timeout_s), self._SHORTEST_MS))
+        try:
+            return os.read(self._opened(), _CHUNK)
+        except TimeoutError:
+            return b""
+
+    def _control(self, request: int, value: int) -> None:
+        import fcntl
+
+        fcntl.ioctl(self._opened(), request, value.to_bytes(4, sys.byteorder) if value else 0)
 
     def _opened(self) -> int:
         if self._fd is None:

@@ -1,0 +1,160 @@
+"""An emulated instrument behind a network socket, as those that speak SCPI have it."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import threading
+import time
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from sim_backend.wire.faults import Fault, FaultPlan, Faults
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sim_backend.wire.serial_wire import Firmware
+
+__all__ = ["ScpiWire"]
+
+_CHUNK: Final = 65536
+_GARBAGE: Final = 37  # bytes
+
+
+class ScpiWire:
+    """The network socket of an emulated instrument, on this computer alone; one driver at a time.
+
+    The port stays the same when the cable is out and in again; while it is out, calls are refused.
+
+    Parameters
+    ----------
+    firmware
+        The instrument.
+    faults
+        What goes wrong, request by request. A request is a line, whether it has an answer or not.
+    seed
+        Of random bytes.
+    """
+
+    def __init__(self, firmware: Firmware, faults: Faults | None = None, seed: int = 0) -> None:
+        self.firmware = firmware
+        self.faults = faults or Faults()
+        self._random = np.random.default_rng(seed)
+        self._port = 0
+        self._listener: socket.socket | None = None
+        self._caller: socket.socket | None = None
+        self._closed = threading.Event()
+        self._wake, self._waker = socket.socketpair()  # a byte on it ends the thread's waiting
+        self._plug_in()
+        self._thread = threading.Thread(target=self._live, name=f"wire {self.address}", daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """Where the driver finds the instrument."""
+        return f"tcp://127.0.0.1:{self._port}"
+
+    def close(self) -> None:
+        """Switch the instrument off; harmless if it is."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self._waker.send(b"x")
+            self._thread.join()
+            self._unplug()
+            self._wake.close()
+            self._waker.close()
+
+    def _plug_in(self) -> None:
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(("127.0.0.1", self._port))
+        listener.listen(1)
+        self._port = int(listener.getsockname()[1])
+        self._listener = listener
+
+    def _unplug(self) -> None:
+        self._hang_up()
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            listener.close()
+
+    def _hang_up(self) -> None:
+        caller, self._caller = self._caller, None
+        if caller is not None:
+            caller.close()
+
+    def _live(self) -> None:
+        buffer = bytearray()
+        while not self._closed.is_set():
+            caller = self._caller
+            if caller is None:
+                buffer.clear()
+                self._accept()
+                continue
+            buffer += self._read(caller)
+            for request in self.firmware.requests_in(buffer):
+                self._answer(request)
+                if self._caller is not caller:
+                    break  # the cable was out: what else was on its way is lost
+
+    def _comes(self, waited_for: socket.socket) -> bool:
+        """Wait; return whether something comes, and not the end."""
+        return waited_for in select.select([waited_for, self._wake], [], [])[0] and not self._closed.is_set()
+
+    def _accept(self) -> None:
+        if self._listener is not None and self._comes(self._listener):
+            with contextlib.suppress(OSError):
+                self._caller, _ = self._listener.accept()
+                self._caller.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def _read(self, caller: socket.socket) -> bytes:
+        if not self._comes(caller):
+            return b""
+        try:
+            data = caller.recv(_CHUNK)
+        except OSError:
+            data = b""
+        if not data:
+            self._hang_up()  # the driver did
+        return data
+
+    def _send(self, data: bytes) -> None:
+        if self._caller is not None and data:
+            try:
+                self._caller.sendall(data)
+            except OSError:
+                self._hang_up()  # nobody listens
+
+    def _answer(self, request: bytes) -> None:
+        due = self.faults.due()
+        if due is None:
+            self.firmware.obey(request, self._send)
+        else:
+            self._fail(request, due)
+
+    def _fail(self, request: bytes, due: FaultPlan) -> None:
+        if due.fault is Fault.UNPLUGGED:
+            self._unplug()
+            time.sleep(due.seconds)
+            self._plug_in()
+            return
+        if due.fault is Fault.REBOOT:
+            self.firmware.reboot(self._send)
+            return
+        sent = bytearray()
+        self.firmware.obey(request, sent.extend)
+        self._send_spoilt(bytes(sent), due)
+
+    def _send_spoilt(self, sent: bytes, due: FaultPlan) -> None:
+        spoilt: dict[Fault, Callable[[], bytes]] = {
+            Fault.REPLY_LOST: lambda: b"",
+            Fault.REPLY_CUT: lambda: sent[: len(sent) // 2],
+            Fault.GARBAGE: lambda: self._random.integers(0, 256, _GARBAGE, np.uint8).tobytes(),
+            Fault.ALARM: lambda: self.firmware.alarm() + sent,
+        }
+        if due.fault is Fault.REPLY_LATE:
+            time.sleep(due.seconds)
+        self._send(spoilt.get(due.fault, lambda: sent)())
