@@ -1,0 +1,1 @@
+"""Filter wheels, and people who change filters."""
