@@ -47,13 +47,15 @@ _COMMANDS: Final = {
     "challenge": "Diagnose a simulated station of which nobody is told what it is.",
     "effects": "List the physical effects that a pixel model may have; explain one.",
     "calibrate-noise": "Find the noise that gives a background rate.",
+    "calibrate-biases": "Make a station's bias map of a run: thresholds, corner, dead time against offsets.",
     "photometry": "Turn meter readings, lens data or a spectrum into lux and photons on the chip.",
-    "devices": "List the drivers, and what answers on a station.",
+    "devices": "Say which instruments of a station answer, and what is plugged in.",
+    "selftest": "Look at every instrument of a station: the first power-on, measured.",
 }
 
 
 #: Modules whose name differs from that of their command.
-_MODULES: Final = {"import": "import_", "calibrate-noise": "calibrate_noise"}
+_MODULES: Final = {"import": "import_", "calibrate-biases": "calibrate_biases", "calibrate-noise": "calibrate_noise"}
 
 
 class _LazyGroup(click.Group):

@@ -125,6 +125,7 @@ class Device(ABC):
             except Exception as error:  # noqa: BLE001 - never raises is the contract; the log and `unsafe` have it
                 what, advice = self.unsafe_text
                 self.unsafe = DeviceError(self.name, what, str(error) or type(error).__name__, advice)
+                self.unsafe.__cause__ = error
                 _log.exception("%s", self.unsafe)
             else:
                 self.unsafe = None

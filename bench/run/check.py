@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, Literal
 
-from bench.run.findings import NEEDED, observe_curve, observe_point
+from bench.run.findings import NEEDED, observe_curve, observe_point, observe_settings
 from bench.run.plan import plan, ranges_text
 from bench.run.progress import duration_text
 from protocols.errors import InputError
@@ -115,8 +115,10 @@ def _expected(protocol: Protocol, point: Point, station: Station) -> Expected:
 
 def _warnings(points: Sequence[Point], expected: dict[int, Expected], station: Station) -> list[Finding]:
     seen: list[Observation] = []
+    uncalibrated = station.calibration.uncalibrated
     for point in points:
         seen += observe_point(point, expected[point.index], station.light)
+        seen += observe_settings(point, uncalibrated)
     for curve in _curves(points):
         seen += observe_curve(curve, expected[curve[0].index])
     return _gathered(seen, {p.index: p.measurement for p in points})

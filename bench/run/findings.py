@@ -17,12 +17,12 @@ from protocols.expected import Expected, log_response, off_impossible_at_lux, re
 from protocols.points import ResetTestTiming, SquareTiming
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator
 
     from drivers.interfaces import LightSource
     from protocols.points import Point
 
-__all__ = ["NEEDED", "Observation", "observe_curve", "observe_point"]
+__all__ = ["NEEDED", "Observation", "observe_curve", "observe_point", "observe_settings"]
 
 #: The return of a reset pulse should exceed the threshold by this part of it: noise and mismatch need room.
 REARM_MARGIN: Final = 0.1
@@ -30,6 +30,8 @@ REARM_MARGIN: Final = 0.1
 EQUAL_THRESHOLDS: Final = 0.01
 #: A pixel has settled after so many time constants.
 SETTLED_TAUS: Final = 5.0
+#: Settings that go through the bias map.
+_PHYSICAL: Final = ("theta_on", "theta_off", "refractory_s", "bandwidth_hz")
 #: Rounding of times and thresholds that were computed from the same numbers.
 _RELATIVE: Final = 1e-6
 
@@ -163,6 +165,28 @@ def _light_too_slow(point: Point, light: LightSource) -> Iterator[Observation]:
             f"the light is to change every {shortest_s:.4g} s, but {light.name} {what} {needed_s:.4g} s for an edge"
             + (" and to settle" if host else ""),
             needed_s / shortest_s,
+        )
+
+
+def observe_settings(point: Point, uncalibrated: Collection[str]) -> Iterator[Observation]:
+    """Yield that `point` asks for a quantity whose bias curve was not measured on this sensor.
+
+    Parameters
+    ----------
+    point
+        Any.
+    uncalibrated
+        Those quantities.
+    """
+    asked = [name for name in _PHYSICAL if name in uncalibrated and getattr(point.settings, name) is not None]
+    if asked:
+        yield Observation(
+            "settings_not_calibrated",
+            point.index,
+            f"{' and '.join(asked)}: set through the station's bias map, which was not measured on this sensor "
+            "(calibrated: false), so that the sensor may be far from what is asked for; measure it with the protocol "
+            "bias_calibration and evs-bench calibrate-biases",
+            float(len(asked)),
         )
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from protocols.base import CLASS_PATTERN, FrozenModel, Number, problems_at
+from protocols.base import CLASS_PATTERN, FrozenModel, Number, PathProblem, problems_at
 
 __all__ = [
     "BareGeometry",
@@ -149,10 +149,14 @@ class BiasCurveSection(FrozenModel):
     """Rows of offset and value, with ascending offsets and values that only rise or only fall."""
     calibrated: bool
     """Whether it was measured on this sensor."""
+    uncertainty: list[NotNegative] | None = None
+    """Of the value of each row: relative, one standard deviation."""
+    date: datetime.date | None = None
+    """When it was measured."""
 
     @model_validator(mode="after")
     def _monotone(self) -> BiasCurveSection:
-        problems = []
+        problems: list[PathProblem] = []
         rising = self.table[-1][1] > self.table[0][1]
         for i, ((offset, value), (next_offset, next_value)) in enumerate(pairwise(self.table), start=1):
             if next_offset <= offset:
@@ -166,6 +170,9 @@ class BiasCurveSection(FrozenModel):
                 for i, (_, value) in enumerate(self.table)
                 if value <= 0.0
             ]
+        if self.uncertainty is not None and len(self.uncertainty) != len(self.table):
+            rows = f"{len(self.uncertainty)} values for a table of {len(self.table)} rows"
+            problems.append((("uncertainty",), f"{rows}; expected one for each row"))
         if problems:
             raise problems_at(problems)
         return self

@@ -5,7 +5,8 @@ from __future__ import annotations
 import atexit
 import contextlib
 import logging
-from typing import TYPE_CHECKING, Any, Self
+import time
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from bench.station.tracing import current_trace
 from drivers.errors import ConnectionFailed, DeviceError
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["DevicesFailed", "Station", "naming"]
 
 _log = logging.getLogger("evs_bench.station")
+
+#: Between trials to reach a device that is gone, s; of real time.
+_PATIENCE_S: Final = (0.3, 0.7, 1.0, 2.0)
 
 
 class DevicesFailed(ConnectionFailed):
@@ -168,8 +172,16 @@ class Station:
         return tuple(device.unsafe for device in self.devices.values() if device.unsafe is not None)
 
     def close(self) -> None:
-        """Bring all devices to their safe state, then close them, the last first; never raises."""
+        """Bring all devices to their safe state, then close them, the last first; never raises.
+
+        A device that is not there is waited for a little: its cable may be put in again.
+        """
         self.safe_state()
+        for pause_s in _PATIENCE_S:
+            if not any(isinstance(error.__cause__, ConnectionFailed) for error in self.unsafe):
+                break
+            time.sleep(pause_s)
+            self.safe_state()
         for device in reversed(self.devices.values()):
             try:
                 device.close()

@@ -58,6 +58,10 @@ class DescriptorPort:
                 raise TimeoutError(f"nothing could be written for {_WRITE_TIMEOUT_S:g} s")
             data = data[os.write(self._fd, data) :]
 
+    def discard(self) -> bool:
+        """Return False: what waits can be read."""
+        return False
+
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, at least one byte, or nothing after `timeout_s`."""
         ready, _, _ = select.select([self._fd], [], [], max(timeout_s, 0.0))

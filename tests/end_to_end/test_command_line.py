@@ -30,8 +30,10 @@ COMMANDS = (
     "challenge",
     "effects",
     "calibrate-noise",
+    "calibrate-biases",
     "photometry",
     "devices",
+    "selftest",
 )
 EVS_BENCH = str(Path(sys.executable).parent / "evs-bench")
 

@@ -20,6 +20,7 @@ LOWEST_LUX, HIGHEST_LUX = 20 * 0.0483, 15_000 * 0.0483  # a lamp of 20 to 15000 
 
 POINTS = {
     "background_activity": 12,
+    "bias_calibration": 387,
     "challenge": 36,
     "low_light_cutoff": 16,
     "off_family": 240,
