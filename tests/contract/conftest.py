@@ -6,19 +6,40 @@ A new class goes into `RIGS`; `test_registry.py` fails until it does.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from drivers.camera.evk4.evk4 import Evk4
+from drivers.camera.neuromorphic import NeuromorphicCamera
+from drivers.camera.playback import PlaybackCamera
 from drivers.clock import RealClock
+from drivers.filters.manual import ManualFilter
+from drivers.filters.thorlabs_fw import ThorlabsFilterWheel
 from drivers.interfaces import Clock, EventCamera, FilterWheel, LightSource, Recording, Waveform
+from drivers.light.led_driver import LedDriver
+from drivers.light.rs7 import SpectralLed
+from drivers.light.scpi_generator import ScpiGenerator
 from sim_backend.clock import VirtualClock
 from sim_backend.devices.camera import SimulatedCamera
 from sim_backend.devices.clock import SimulatedClock
 from sim_backend.devices.filter_wheel import SimulatedFilterWheel
 from sim_backend.devices.light import SimulatedLightSource
+from sim_backend.wire.camera import WiredEvk4
+from sim_backend.wire.rs7 import Rs7Firmware
+from sim_backend.wire.serial_wire import SerialWire
 from sim_backend.world import OpticalBench
+from tests.drivers.camera.contract_benches import (
+    evk4_bench,
+    neuromorphic_bench,
+    playback_bench,
+    wired_evk4_bench,
+)
+from tests.drivers.filters.wheel_rigs import operator, thorlabs_on_wire
+from tests.drivers.light.led_rigs import led_on_wire
+from tests.drivers.light.scpi_support import DIALECT_NAMES, scpi_bench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -106,13 +127,38 @@ def camera_rig() -> CameraRig:
     return CameraRig(SimulatedCamera(bench, bias_behaviour=StandInBehaviour()), flicker, repeatable=True)
 
 
+def rs7_rig() -> LightRig:
+    bench = world()
+    wire = SerialWire(Rs7Firmware(bench, presets={"dark": 0.0}, settling_s=5e-3), "rs7")
+    light = SpectralLed(wire.path, clock=bench.clock, player="inline", timeout_s=5.0)
+    return LightRig(light, bench.clock, lambda: bench.lux() == 0.0)
+
+
+def scpi_rig(dialect: str) -> LightRig:
+    bench = scpi_bench(dialect)
+    return LightRig(bench.light, bench.clock, bench.is_dark)
+
+
+def on_bench(bench: Any, *, repeatable: bool) -> CameraRig:
+    return CameraRig(bench.camera, bench.flicker, repeatable)
+
+
 RIGS: dict[type, dict[str, Callable[[], Any]]] = {
     SimulatedLightSource: {
         "device": light_rig,
         "host": lambda: light_rig(timing="host", latency_s=2e-3, settling_s=5e-3, rise_tau_s=1e-4),
     },
+    SpectralLed: {"rs7": rs7_rig},
+    ScpiGenerator: {name: partial(scpi_rig, name) for name in DIALECT_NAMES},
+    LedDriver: {"wire": lambda: LightRig(*led_on_wire())},
+    ThorlabsFilterWheel: {"wire": lambda: WheelRig(*thorlabs_on_wire())},
+    ManualFilter: {"operator": lambda: WheelRig(*operator())},
     SimulatedFilterWheel: {"wheel": wheel_rig},
     SimulatedCamera: {"camera": camera_rig},
+    Evk4: {"emulated": lambda: on_bench(evk4_bench(), repeatable=False)},
+    WiredEvk4: {"emulated": lambda: on_bench(wired_evk4_bench(), repeatable=True)},
+    PlaybackCamera: {"file": lambda: on_bench(playback_bench(), repeatable=False)},
+    NeuromorphicCamera: {"stand-in": lambda: on_bench(neuromorphic_bench(), repeatable=False)},
     RealClock: {"clock": RealClock},
     VirtualClock: {"clock": VirtualClock},
     SimulatedClock: {"clock": lambda: SimulatedClock(world())},

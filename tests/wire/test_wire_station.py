@@ -1,0 +1,109 @@
+"""A protocol through the real drivers, byte by byte, gives the events of the simulated devices."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.run import run_protocol
+from bench.station import load_station, station_from
+from bench.store import Run
+from protocols import load_protocol
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bench.station import Station
+
+PROTOCOL = """
+format: evs-bench-protocol/1
+title: A short look
+seed: 3
+roi: {x: 632, y: 352, width: 6, height: 4}
+expect: {dark_light_lux: 0.146}
+settings:
+  long_refractory_period_s: 0.010
+  imbalanced_thresholds: {on: 0.30, off: 0.25}
+  bandwidth_hz: 200
+pulses: 5
+measurements:
+  - name: "on"
+    stimulus: &pair
+      kind: reset_test
+      polarity: on
+      gap_s: 0.040
+      reset_s: 0.040
+      reset_direction: same
+      reset_contrast: {scale: linear, value: 1.2}
+      test_s: 0.040
+    sweep: &sweep
+      illuminance_lux: [0.1, 100]
+      nd_od: {od: 3.0, below_lux: 0.9}
+      contrast: {scale: threshold, values: [0.8, 1.3]}
+  - name: "off"
+    stimulus: {<<: *pair, polarity: off}
+    sweep: *sweep
+  - name: background
+    stimulus: {kind: constant, duration_s: 2}
+    sweep: {illuminance_lux: [1]}
+"""
+
+
+def simulated_twin(wire: Station) -> Station:
+    """Return a station of simulated devices in the same world."""
+    plan: dict[str, Any] = wire.resolved
+    args = {k: v for k, v in plan["world"]["args"].items() if k not in ("filters", "bias_behaviour", "instruments")}
+    filters = {name: section["nd_od"] for name, section in plan["calibration"]["filters"].items()}
+    light = {
+        "world": "$world", "timing": "device", "lowest": 20, "highest": 60000, "unit": "count", "level_step": 1.0,
+        "rise_tau_s": 1e-4, "settling_s": 1e-3,
+    }  # fmt: skip
+    return station_from(
+        {
+            **plan,
+            "world": {"class": "sim_backend.world:OpticalBench", "args": args},
+            "roles": {
+                "light": {"driver": "sim_backend.devices.light:SimulatedLightSource", "args": light},
+                "wheel": {
+                    "driver": "sim_backend.devices.filter_wheel:SimulatedFilterWheel",
+                    "args": {"world": "$world", "filters": filters},
+                },
+                "camera": {
+                    "driver": "sim_backend.devices.camera:SimulatedCamera",
+                    "args": {"world": "$world", "bias_behaviour": "$bias_map"},
+                },
+                "clock": plan["roles"]["clock"],
+            },
+        },
+        "twin",
+    )
+
+
+@pytest.fixture(name="protocol")
+def short_protocol(tmp_path: Path) -> Path:
+    path = tmp_path / "short.yaml"
+    path.write_text(PROTOCOL)
+    return path
+
+
+def test_events_are_those_of_the_simulated_devices(protocol: Path, tmp_path: Path) -> None:
+    loaded = load_protocol(protocol)
+    wire = load_station("wire")
+    runs = [
+        Run.open(run_protocol(loaded, station, tmp_path / name).folder)
+        for name, station in (("twin", simulated_twin(wire)), ("wire", wire))
+    ]
+    pairs = list(zip(*(run.points() for run in runs), strict=True))
+    assert len(pairs) == 9
+    total = 0
+    for twin, real in pairs:
+        events, seen = (np.concatenate([*point.events()]) for point in (twin, real))
+        np.testing.assert_array_equal(events, seen)
+        np.testing.assert_array_equal(twin.triggers_t_us, real.triggers_t_us)
+        np.testing.assert_allclose(twin.stimulus_lux, real.stimulus_lux)
+        np.testing.assert_allclose(twin.stimulus_t_s, real.stimulus_t_s, atol=1e-9)
+        assert real.quality["dropped_buffers"] == real.quality["decode_errors"] == 0
+        total += len(events)
+    assert total > 500
