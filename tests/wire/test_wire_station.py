@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from bench.analysis.whole import analyze
 from bench.run import run_protocol
 from bench.station import load_station, station_from
 from bench.store import Run
@@ -51,34 +53,28 @@ measurements:
 """
 
 
-def simulated_twin(wire: Station) -> Station:
+DEVICE_TIMED = {
+    "timing": "device", "lowest": 20, "highest": 60000, "unit": "count", "level_step": 1.0, "rise_tau_s": 1e-4,
+    "settling_s": 1e-3,
+}  # fmt: skip
+HOST_TIMED = {
+    "timing": "host", "lowest": 20.0, "highest": 15000.0, "unit": "cd/m2", "latency_s": 2e-3, "settling_s": 0.05,
+}  # fmt: skip
+
+
+def simulated_twin(wire: Station, light: dict[str, Any]) -> Station:
     """Return a station of simulated devices in the same world."""
     plan: dict[str, Any] = wire.resolved
     args = {k: v for k, v in plan["world"]["args"].items() if k not in ("filters", "bias_behaviour", "instruments")}
     filters = {name: section["nd_od"] for name, section in plan["calibration"]["filters"].items()}
-    light = {
-        "world": "$world", "timing": "device", "lowest": 20, "highest": 60000, "unit": "count", "level_step": 1.0,
-        "rise_tau_s": 1e-4, "settling_s": 1e-3,
-    }  # fmt: skip
-    return station_from(
-        {
-            **plan,
-            "world": {"class": "sim_backend.world:OpticalBench", "args": args},
-            "roles": {
-                "light": {"driver": "sim_backend.devices.light:SimulatedLightSource", "args": light},
-                "wheel": {
-                    "driver": "sim_backend.devices.filter_wheel:SimulatedFilterWheel",
-                    "args": {"world": "$world", "filters": filters},
-                },
-                "camera": {
-                    "driver": "sim_backend.devices.camera:SimulatedCamera",
-                    "args": {"world": "$world", "bias_behaviour": "$bias_map"},
-                },
-                "clock": plan["roles"]["clock"],
-            },
-        },
-        "twin",
-    )
+    drivers = {
+        "light": ("sim_backend.devices.light:SimulatedLightSource", light),
+        "wheel": ("sim_backend.devices.filter_wheel:SimulatedFilterWheel", {"filters": filters}),
+        "camera": ("sim_backend.devices.camera:SimulatedCamera", {"bias_behaviour": "$bias_map"}),
+    }
+    roles = {role: {"driver": d, "args": {"world": "$world", **given}} for role, (d, given) in drivers.items()}
+    world = {"class": "sim_backend.world:OpticalBench", "args": args}
+    return station_from({**plan, "world": world, "roles": {**roles, "clock": plan["roles"]["clock"]}}, "twin")
 
 
 @pytest.fixture(name="protocol")
@@ -93,7 +89,7 @@ def test_events_are_those_of_the_simulated_devices(protocol: Path, tmp_path: Pat
     wire = load_station("wire")
     runs = [
         Run.open(run_protocol(loaded, station, tmp_path / name).folder)
-        for name, station in (("twin", simulated_twin(wire)), ("wire", wire))
+        for name, station in (("twin", simulated_twin(wire, DEVICE_TIMED)), ("wire", wire))
     ]
     pairs = list(zip(*(run.points() for run in runs), strict=True))
     assert len(pairs) == 9
@@ -107,3 +103,24 @@ def test_events_are_those_of_the_simulated_devices(protocol: Path, tmp_path: Pat
         assert real.quality["dropped_buffers"] == real.quality["decode_errors"] == 0
         total += len(events)
     assert total > 500
+
+
+def test_counts_are_those_of_a_simulated_source_timed_by_the_host(protocol: Path, tmp_path: Path) -> None:
+    """The RS-7 steps when its words arrive; other seeds, so that equal counts would be chance."""
+    loaded, wire = load_protocol(protocol), load_station("wire_rs7")
+    run_protocol(loaded, wire, tmp_path / "wire")
+    run_protocol(loaded, simulated_twin(wire, HOST_TIMED), tmp_path / "twin", seed=77)
+    real, twin = (
+        analyze(Run.open(tmp_path / name), pixel_maps=False, theta_fit=lambda _: None).responses
+        for name in ("wire", "twin")
+    )
+    assert len(real) == len(twin) == 8
+    p_values = []
+    for a, b in zip(real, twin, strict=True):
+        shares = [row.per_pixel / row.pulses for row in (a, b)]
+        variance = sum(share.var(ddof=1) / share.size for share in shares)
+        off = abs(a.probability - b.probability)
+        p_values.append(1.0 if off == 0.0 else math.erfc(off / math.sqrt(2.0 * variance)))
+    assert min(p_values) * len(p_values) > 0.01
+    for point in Run.open(tmp_path / "wire").points():
+        assert point.attributes["time_axis"] == ("trigger" if point.pulse_start_s.size else "edges_known")
