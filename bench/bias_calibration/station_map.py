@@ -7,8 +7,8 @@ import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from bench.bias_calibration.rewriting import flow_rows, rewrite, round_trip
 from bench.station.loading import load_station
+from bench.station.rewriting import flow_rows, rewrite, round_trip
 from protocols.errors import InputError
 
 if TYPE_CHECKING:

@@ -60,7 +60,7 @@ def command(
         raise click.UsageError("--write needs --station FILE")
     from bench.bias_calibration import calibrate_biases
     from bench.bias_calibration.station_map import new_bias_map, of_station, write_bias_map
-    from bench.photometry.station_light import refuse_shipped
+    from bench.station.rewriting import refuse_shipped
     from bench.store import Run
 
     if station is not None and write:

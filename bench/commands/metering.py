@@ -53,7 +53,8 @@ def meter(
     if station is not None and date is None:
         raise click.UsageError("--station needs --date: when were the readings taken?")
     from bench.photometry.meter import calibrate, read_readings
-    from bench.photometry.station_light import new_light, of_station, refuse_shipped
+    from bench.photometry.station_light import new_light, of_station
+    from bench.station.rewriting import refuse_shipped
 
     if station is not None and write:
         refuse_shipped(station)

@@ -6,25 +6,20 @@ import datetime
 import io
 from dataclasses import dataclass
 from difflib import get_close_matches
-from importlib.resources import files
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from bench.station.loading import load_station, parse_station, stations
-from bench.station.schema import StationFile
-from bench.store.durable import sync_file, write_whole
-from protocols.errors import InputError, Problem
-from protocols.files import parse_model, read_text
-from protocols.yaml_strict import read_yaml
+from bench.station.loading import load_station
+from bench.station.rewriting import rewrite, round_trip
+from protocols.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from bench.photometry.meter import MeterCalibration
 
-__all__ = ["NewLight", "OfStation", "new_light", "of_station", "refuse_shipped", "write_light", "yaml_text"]
+__all__ = ["NewLight", "OfStation", "new_light", "of_station", "write_light", "yaml_text"]
 
-_WIDTH: Final = 100_000  #: no line is broken
 _DIGITS: Final = 5  #: of a measured number
 _UNCERTAINTY_DIGITS: Final = 2
 #: New keys are put beside the first of these that is there.
@@ -113,7 +108,7 @@ def _rounded(value: float, digits: int) -> float:
 
 def yaml_text(new: NewLight) -> str:
     """Return what belongs below ``calibration:``, as YAML."""
-    yaml = _round_trip()
+    yaml = round_trip()
     out = io.StringIO()
     light, filters = _owned(new.light), {name: _owned(values) for name, values in new.filters.items()}
     yaml.dump({"light": light, **({"filters": filters} if filters else {})}, out)
@@ -130,72 +125,13 @@ def write_light(path: Path, new: NewLight) -> Path:
     InputError
         It is a shipped station, it cannot be written, or it would no longer be what it was in everything else.
     """
-    refuse_shipped(path)
-    text = _changed(read_text(path), new, str(path))
-    parse_station(text, str(path), path.parent)
-    kept: Path | None = None
-    try:
-        kept = _keep(path)
-        write_whole(path.resolve(), text, ".part")  # a link stays one
-    except OSError as error:
-        if kept is not None:
-            kept.unlink()
-        raise InputError(f"{path} cannot be written: {error.strerror}") from None
-    return kept
 
-
-def refuse_shipped(path: str | Path) -> None:
-    """Raise where `path` is a station that comes with the bench.
-
-    Raises
-    ------
-    InputError
-        It is one.
-    """
-    folder = files("bench").joinpath("stations")
-    shipped = str(path) in stations() or Path(path).resolve().parent == Path(str(folder)).resolve()
-    if shipped:
-        raise InputError(f"{path} comes with the bench and is not written: copy it first, and name the copy")
-
-
-def _keep(path: Path) -> Path:
-    """Copy a file beside itself, under a name that no file has yet."""
-    data = path.read_bytes()
-    number = 1
-    while True:
-        kept = path.with_name(f"{path.stem}.before{'' if number == 1 else f'-{number}'}{path.suffix}")
-        try:
-            with kept.open("xb") as file:
-                file.write(data)
-        except FileExistsError:
-            number += 1
-            continue
-        sync_file(kept)
-        return kept
-
-
-def _changed(old: str, new: NewLight, source: str) -> str:
-    """Return the text of a station file with the new values, and make sure that nothing else became another value."""
-    from ruamel.yaml.error import YAMLError
-    from ruamel.yaml.util import load_yaml_guess_indent
-
-    parse_model(old, StationFile, source)  # says what is wrong with a file that is none, with its place
-    try:
-        _, sequence, offset = load_yaml_guess_indent(old)
-        yaml = _round_trip(sequence or 4, offset if offset is not None else 2)
-        document = yaml.load(old)
-        calibration = document["calibration"]
-        _set(calibration["light"], new.light)
+    def change(document: Any) -> None:
+        _set(document["calibration"]["light"], new.light)
         for name, values in new.filters.items():
-            _set(calibration["filters"][name], values)
-        out = io.StringIO()
-        yaml.dump(document, out)
-    except YAMLError as error:
-        raise InputError(Problem(f"cannot be changed: {' '.join(str(error).split())}", source)) from None
-    text = out.getvalue()
-    if read_yaml(text, source).value != _wanted(read_yaml(old, source).value, new):
-        raise InputError(Problem("cannot be changed without changing other values; change it by hand", source))
-    return text.replace("\n", "\r\n") if "\r\n" in old else text
+            _set(document["calibration"]["filters"][name], values)
+
+    return rewrite(path, change, lambda old: _wanted(old, new))
 
 
 def _set(section: Any, values: Mapping[str, Any]) -> None:
@@ -231,13 +167,3 @@ def _wanted(old: Any, new: NewLight) -> Any:
 
 def _as_read(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: str(value) if isinstance(value, datetime.date) else value for key, value in values.items()}
-
-
-def _round_trip(sequence: int = 4, offset: int = 2) -> Any:
-    from ruamel.yaml import YAML
-
-    yaml = YAML()
-    yaml.preserve_quotes = True
-    yaml.width = _WIDTH
-    yaml.indent(mapping=2, sequence=sequence, offset=offset)
-    return yaml

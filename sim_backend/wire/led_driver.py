@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from drivers.light.led_protocol import LONGEST_LINE, encode_line, text_of_line
-from sim_backend.wire.serial_wire import Firmware
+from sim_backend.wire.wire import Firmware
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from protocols.errors import InputError
 from sim_backend.clock import NS_PER_S
-from sim_backend.wire.serial_wire import Firmware
+from sim_backend.wire.wire import Firmware
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

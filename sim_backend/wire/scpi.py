@@ -6,25 +6,20 @@ import contextlib
 import select
 import socket
 import threading
-import time
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
-from sim_backend.wire.faults import Fault, FaultPlan, Faults
+from sim_backend.wire.wire import Wire
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sim_backend.wire.serial_wire import Firmware
+    from sim_backend.wire.faults import Faults
+    from sim_backend.wire.wire import Firmware
 
 __all__ = ["ScpiWire"]
 
 _CHUNK: Final = 65536
-_GARBAGE: Final = 37  # bytes
 
 
-class ScpiWire:
+class ScpiWire(Wire):
     """The network socket of an emulated instrument, on this computer alone; one driver at a time.
 
     The port stays the same when the cable is out and in again; while it is out, calls are refused.
@@ -40,9 +35,7 @@ class ScpiWire:
     """
 
     def __init__(self, firmware: Firmware, faults: Faults | None = None, seed: int = 0) -> None:
-        self.firmware = firmware
-        self.faults = faults or Faults()
-        self._random = np.random.default_rng(seed)
+        super().__init__(firmware, faults, seed)
         self._port = 0
         self._listener: socket.socket | None = None
         self._caller: socket.socket | None = None
@@ -127,34 +120,3 @@ class ScpiWire:
                 self._caller.sendall(data)
             except OSError:
                 self._hang_up()  # nobody listens
-
-    def _answer(self, request: bytes) -> None:
-        due = self.faults.due()
-        if due is None:
-            self.firmware.obey(request, self._send)
-        else:
-            self._fail(request, due)
-
-    def _fail(self, request: bytes, due: FaultPlan) -> None:
-        if due.fault is Fault.UNPLUGGED:
-            self._unplug()
-            time.sleep(due.seconds)
-            self._plug_in()
-            return
-        if due.fault is Fault.REBOOT:
-            self.firmware.reboot(self._send)
-            return
-        sent = bytearray()
-        self.firmware.obey(request, sent.extend)
-        self._send_spoilt(bytes(sent), due)
-
-    def _send_spoilt(self, sent: bytes, due: FaultPlan) -> None:
-        spoilt: dict[Fault, Callable[[], bytes]] = {
-            Fault.REPLY_LOST: lambda: b"",
-            Fault.REPLY_CUT: lambda: sent[: len(sent) // 2],
-            Fault.GARBAGE: lambda: self._random.integers(0, 256, _GARBAGE, np.uint8).tobytes(),
-            Fault.ALARM: lambda: self.firmware.alarm() + sent,
-        }
-        if due.fault is Fault.REPLY_LATE:
-            time.sleep(due.seconds)
-        self._send(spoilt.get(due.fault, lambda: sent)())

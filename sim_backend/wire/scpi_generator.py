@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 from sim_backend.clock import to_ns
-from sim_backend.wire.serial_wire import Firmware
+from sim_backend.wire.wire import Firmware
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from sim_backend.wire.serial_wire import Firmware
+from sim_backend.wire.wire import Firmware
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from sim_backend.wire.evk4_usb import Evk4Usb
-    from sim_backend.wire.serial_wire import Firmware, SerialWire
+    from sim_backend.wire.serial_wire import SerialWire
+    from sim_backend.wire.wire import Firmware
 
 __all__ = ["WiredBench"]
 

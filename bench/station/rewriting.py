@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import io
+from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from bench.photometry.station_light import refuse_shipped
-from bench.station.loading import parse_station
+from bench.station.loading import parse_station, stations
 from bench.station.schema import StationFile
 from bench.store.durable import sync_file, write_whole
 from protocols.errors import InputError, Problem
@@ -15,9 +16,8 @@ from protocols.yaml_strict import read_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
-__all__ = ["flow_rows", "rewrite", "round_trip"]
+__all__ = ["flow_rows", "refuse_shipped", "rewrite", "round_trip"]
 
 _WIDTH: Final = 100_000  #: no line is broken
 
@@ -53,6 +53,20 @@ def rewrite(path: Path, change: Callable[[Any], None], wanted: Callable[[Any], A
             kept.unlink()
         raise InputError(f"{path} cannot be written: {error.strerror}") from None
     return kept
+
+
+def refuse_shipped(path: str | Path) -> None:
+    """Raise where `path` is a station that comes with the bench.
+
+    Raises
+    ------
+    InputError
+        It is one.
+    """
+    folder = files("bench").joinpath("stations")
+    shipped = str(path) in stations() or Path(path).resolve().parent == Path(str(folder)).resolve()
+    if shipped:
+        raise InputError(f"{path} comes with the bench and is not written: copy it first, and name the copy")
 
 
 def _keep(path: Path) -> Path:

@@ -1,0 +1,94 @@
+"""What all emulated instruments have in common: firmware that obeys requests, and a wire on which things go wrong."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from sim_backend.wire.faults import Fault, FaultPlan, Faults
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Firmware", "Wire"]
+
+_GARBAGE: Final = 37  # bytes
+
+
+class Firmware(ABC):
+    """What an instrument does with the bytes that it gets, on the clock of the world that it was made with."""
+
+    @abstractmethod
+    def requests_in(self, buffer: bytearray) -> list[bytes]:
+        """Take the whole requests off the front of `buffer`, and return them; what is not whole stays."""
+
+    @abstractmethod
+    def obey(self, request: bytes, send: Callable[[bytes], None]) -> None:
+        """Do what a request asks, and send what the instrument sends, piece by piece."""
+
+    @abstractmethod
+    def reboot(self, send: Callable[[bytes], None]) -> None:
+        """Lose the power for a moment: be as after switching on, and send what it then sends."""
+
+    def alarm(self) -> bytes:
+        """Return what the instrument says when something happens that nobody asked for."""
+        return b""
+
+
+class Wire(ABC):
+    """A wire between a driver and emulated firmware.
+
+    Parameters
+    ----------
+    firmware
+        The instrument.
+    faults
+        What goes wrong, request by request.
+    seed
+        Of random bytes.
+    """
+
+    def __init__(self, firmware: Firmware, faults: Faults | None, seed: int) -> None:
+        self.firmware = firmware
+        self.faults = faults or Faults()
+        self._random = np.random.default_rng(seed)
+
+    @abstractmethod
+    def _send(self, data: bytes) -> None: ...
+
+    @abstractmethod
+    def _plug_in(self) -> None: ...
+
+    @abstractmethod
+    def _unplug(self) -> None: ...
+
+    def _answer(self, request: bytes) -> None:
+        """Let the firmware obey a request, and the fault befall it that is due."""
+        due = self.faults.due()
+        if due is None:
+            self.firmware.obey(request, self._send)
+        elif due.fault is Fault.UNPLUGGED:
+            self._unplug()
+            time.sleep(due.seconds)
+            self._plug_in()
+        elif due.fault is Fault.REBOOT:
+            self.firmware.reboot(self._send)
+        else:
+            sent = bytearray()
+            self.firmware.obey(request, sent.extend)
+            if due.fault is Fault.REPLY_LATE:
+                time.sleep(due.seconds)
+            self._send(self._spoilt(bytes(sent), due))
+
+    def _spoilt(self, sent: bytes, due: FaultPlan) -> bytes:
+        """Return what comes in place of an answer."""
+        spoilt: dict[Fault, Callable[[], bytes]] = {
+            Fault.REPLY_LOST: lambda: b"",
+            Fault.REPLY_CUT: lambda: sent[: len(sent) // 2],
+            Fault.GARBAGE: lambda: self._random.integers(0, 256, _GARBAGE, np.uint8).tobytes(),
+            Fault.ALARM: lambda: self.firmware.alarm() + sent,
+        }
+        return spoilt.get(due.fault, lambda: sent)()
