@@ -35,9 +35,11 @@ _ELECTRONICS_S: Final = 5e-5  #: comparator and read-out, after the signal has c
 _ELECTRONICS_SD_S: Final = 3e-5  #: ...between 0 and 0.1 ms
 #: Pixels that the edge before did not reset are closer to the threshold, and answer sooner than thresholds and
 #: low-pass say. This part of a latency is not known...
-_MODEL_PART: Final = 0.7
+_MODEL_PART: Final = 0.6
 _MODEL_S: Final = 3e-5  #: ...and this much of any
 _NOT_DUE: Final = 8.0  #: ln of the odds against answers to a step that should not be answered
+_UNCLEAR_S: Final = 3e-4  #: fronts that are known no better, and
+_LATE_S: Final = 5e-3  #: that come so far from the clearest one, are answers to something else
 _BOUND_SD: Final = 2.0
 _MOST_KINDS: Final = 16  #: that are used, the largest steps
 
@@ -85,7 +87,7 @@ def light_began(answered: Sequence[Answered], answering: Answering) -> Began:
     All thresholds, bandwidths and rise times that may be are tried; each has a place for the edges, and a probability
     by how well all kinds agree on it.
     """
-    kinds = sorted(answered, key=lambda kind: -kind.contrast)[:_MOST_KINDS]
+    kinds = _clear(answered)
     latency = np.stack([_latencies(kind, answering) for kind in kinds])  # (k, on, off, pole, rise)
     latency = latency.reshape(len(kinds), -1)
     prior = _prior(answering).reshape(-1)
@@ -110,6 +112,13 @@ def light_began(answered: Sequence[Answered], answering: Answering) -> Began:
     variance = float((chance * (np.square(mean - at_s) + 1.0 / total)).sum())
     sd_s = float(np.sqrt((chance * ((weight / total) ** 2 * own_sd**2).sum(axis=0)).sum()))
     return Began(at_s - _ELECTRONICS_S, sd_s, _BOUND_SD * float(np.sqrt(variance + _ELECTRONICS_SD_S**2)))
+
+
+def _clear(answered: Sequence[Answered]) -> list[Answered]:
+    """Return the kinds that were clearly answered, the largest steps; of what is all unclear the best."""
+    clearest = min(answered, key=lambda kind: kind.sd_s)
+    near = [kind for kind in answered if kind.sd_s <= _UNCLEAR_S and abs(kind.t_s - clearest.t_s) < _LATE_S]
+    return sorted(near or [clearest], key=lambda kind: -kind.contrast)[:_MOST_KINDS]
 
 
 def _prior(answering: Answering) -> Floats:

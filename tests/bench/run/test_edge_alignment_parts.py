@@ -107,6 +107,13 @@ def test_no_answer_is_due_but_there_is_one() -> None:
     assert began.t_s < 2e-3
 
 
+def test_what_comes_much_later_is_no_answer_and_changes_nothing() -> None:
+    """Below the threshold there are no answers, but events of other edges some way off."""
+    clear = [Answered(True, 1.6, 1.5e-4, 2e-5), Answered(False, 1.6, 4.5e-4, 2e-5)]
+    stray = [Answered(True, 0.2, 2.2e-2, 2e-4), Answered(False, 0.2, 2e-3, 9e-4)]
+    assert light_began([*clear, *stray], Answering(1e-3)) == light_began(clear, Answering(1e-3))
+
+
 @pytest.mark.parametrize("wrong", [{"rise_tau_s": -1.0}, {"bandwidth_hz": 0.0}, {"theta_on": float("nan")}])
 def test_what_cannot_be_known_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
