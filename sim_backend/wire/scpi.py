@@ -54,6 +54,7 @@ class ScpiWire(Wire):
         """Switch the instrument off; harmless if it is."""
         if not self._closed.is_set():
             self._closed.set()
+            self.put_back()
             self._waker.send(b"x")
             self._thread.join()
             self._unplug()
@@ -69,10 +70,10 @@ class ScpiWire(Wire):
         self._listener = listener
 
     def _unplug(self) -> None:
-        self._hang_up()
         listener, self._listener = self._listener, None
         if listener is not None:
-            listener.close()
+            listener.close()  # first, so that who notices that the cable is out cannot come in again
+        self._hang_up()
 
     def _hang_up(self) -> None:
         caller, self._caller = self._caller, None

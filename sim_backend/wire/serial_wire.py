@@ -58,6 +58,7 @@ class SerialWire(Wire):
     def close(self) -> None:
         """Switch the instrument off; harmless if it is."""
         self._closed.set()
+        self.put_back()
         self._thread.join()
         self._unplug()
         if self._own:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Final
@@ -55,6 +56,11 @@ class Wire(ABC):
         self.firmware = firmware
         self.faults = faults or Faults()
         self._random = np.random.default_rng(seed)
+        self._put_back = threading.Event()
+
+    def put_back(self) -> None:
+        """Plug in a cable that is out before its time is over; one that is in goes in at once the next time."""
+        self._put_back.set()
 
     @abstractmethod
     def _send(self, data: bytes) -> None: ...
@@ -72,7 +78,8 @@ class Wire(ABC):
             self.firmware.obey(request, self._send)
         elif due.fault is Fault.UNPLUGGED:
             self._unplug()
-            time.sleep(due.seconds)
+            self._put_back.wait(due.seconds)
+            self._put_back.clear()
             self._plug_in()
         elif due.fault is Fault.REBOOT:
             self.firmware.reboot(self._send)

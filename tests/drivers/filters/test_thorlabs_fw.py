@@ -228,7 +228,7 @@ def answer_of(bench: Bench, ask: Any, fault: Fault, at: int) -> DeviceError | No
 
 
 def wait_for_the_cable(bench: Bench) -> None:
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 60.0
     while not Path(bench.wire.path).exists():
         assert time.monotonic() < deadline
         time.sleep(0.01)

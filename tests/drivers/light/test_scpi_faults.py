@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 FAULTS = (Fault.REPLY_LOST, Fault.REPLY_LATE, Fault.REPLY_CUT, Fault.GARBAGE, Fault.UNPLUGGED, Fault.REBOOT)
-LONG_S = 5.0
+LONG_S = 30.0
 
 
 def session(bench: ScpiBench) -> None:
