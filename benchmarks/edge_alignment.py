@@ -8,6 +8,7 @@ Run with ``python -m benchmarks.edge_alignment [trials [processes]]``.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -17,16 +18,17 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.run.edge_alignment import align_to_events
-from bench.run.edge_counts import EventCounts
-from bench.run.edge_latency import Answering
-from bench.run.edge_preamble import with_preamble
+from bench.alignment.counts import EventCounts
+from bench.alignment.events import align_to_events
+from bench.alignment.latency import Answering
+from protocols.points import Preamble
+from protocols.preamble import with_preamble
 from protocols.waveforms import reset_test_edges, square_edges
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bench.run.edge_alignment import EdgeAlignment
+    from bench.alignment.events import EdgeAlignment
     from protocols.stimulus import Stimulus
 
     Floats = npt.NDArray[np.float64]
@@ -204,7 +206,7 @@ def _stimulus(case: Case, rng: np.random.Generator) -> tuple[Stimulus, float]:
             cycles=max(5, round(length_s / period_s)),
         )
     if case.preamble:
-        stimulus = with_preamble(stimulus, low * case.preamble_ratio)
+        stimulus = with_preamble(stimulus, Preamble(math.log(low * case.preamble_ratio / stimulus.lux[0])))
     return stimulus, period_s
 
 

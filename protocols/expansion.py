@@ -25,6 +25,7 @@ from protocols.points import (
     ConstantTiming,
     Point,
     Polarity,
+    Preamble,
     ResetTestTiming,
     Roi,
     Settings,
@@ -168,7 +169,15 @@ def _point(
         settle=settle_of(protocol, measurement),
         seed=_seed(seed, measurement.name, ordinal),
         ambient=measurement.ambient,
+        preamble=_preamble(measurement),
     )
+
+
+def _preamble(measurement: Measurement) -> Preamble | None:
+    stimulus = measurement.stimulus
+    if isinstance(stimulus, ConstantStimulus) or stimulus.preamble is None:
+        return None
+    return stimulus.preamble.to_preamble()
 
 
 def _seed(seed: int, name: str, ordinal: int) -> int:

@@ -13,6 +13,7 @@ __all__ = [
     "ConstantTiming",
     "Point",
     "Polarity",
+    "Preamble",
     "ResetTestTiming",
     "Roi",
     "Settings",
@@ -66,6 +67,15 @@ class Settle:
 
 
 @dataclass(frozen=True, slots=True)
+class Preamble:
+    """Pulses with unequal gaps before the first pulse, by which a recording without triggers is put in its place."""
+
+    log_contrast: float  #: ln(E_max / E_min) of its pulses, which are brighter than the first level
+    edges: int = 8  #: 4, 6, 8 or 10
+    unit_s: float = 0.04  #: the shortest gap, s
+
+
+@dataclass(frozen=True, slots=True)
 class SquareTiming:
     """A periodic square wave; every period is a dark part, then a bright part of `duty` of the period."""
 
@@ -113,4 +123,5 @@ class Point:
     settle: Settle = field(default_factory=Settle)
     seed: int = 0  #: seed of a simulated recording, from the protocol's seed and the point
     ambient: Ambient = "open"
+    preamble: Preamble | None = None
     operator_before: str | None = None  #: what the operator is asked to do before this point

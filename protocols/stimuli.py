@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from protocols.axes import ContrastScale
 from protocols.base import Contrast, Frequency, FrozenModel, Illuminance, Seconds, problems_at
+from protocols.points import Preamble
 
 __all__ = [
     "ConstantStimulus",
     "LevelContrast",
+    "PreambleChoice",
     "ResetContrast",
     "ResetTestStimulus",
     "SquareStimulus",
@@ -57,6 +60,21 @@ class ResetContrast(FrozenModel):
         return self.value
 
 
+class PreambleChoice(FrozenModel):
+    """Pulses with unequal gaps before all others: without triggers they tell when the stimulus began."""
+
+    contrast: Contrast = 4.0
+    """Linear contrast c of the pulses, E_max/E_min = 1 + c. The larger, the sooner all pixels answer."""
+    edges: Literal[4, 6, 8, 10] = 8
+    """Edges of the preamble. Eight can lose some of their answers and still tell one period from the next."""
+    unit_s: Seconds = 0.04
+    """The shortest gap between two of them, s; longer than the sensor takes to answer."""
+
+    def to_preamble(self) -> Preamble:
+        """Return it as a plain dataclass."""
+        return Preamble(math.log1p(self.contrast), self.edges, self.unit_s)
+
+
 class SquareStimulus(FrozenModel):
     """A periodic square wave between the baseline and a brighter level."""
 
@@ -66,6 +84,8 @@ class SquareStimulus(FrozenModel):
     """Periods per second; left out where the pulse width is swept."""
     duty: Annotated[float, Field(strict=True, gt=0, lt=1)] = 0.5
     """Bright part of a period."""
+    preamble: PreambleChoice | None = None
+    """What comes before the first period; nothing if left out."""
 
 
 class ResetTestStimulus(FrozenModel):
@@ -87,6 +107,8 @@ class ResetTestStimulus(FrozenModel):
     """Length of the test pulse, s; left out where the pulse width is swept."""
     window_s: Seconds | None = None
     """Response window, s, counted from the leading edge of the test pulse; as long as the test pulse if left out."""
+    preamble: PreambleChoice | None = None
+    """What comes before the first pulse; nothing if left out."""
 
 
 class ConstantStimulus(FrozenModel):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from protocols.points import ResetTestTiming, SquareTiming
+from protocols.preamble import with_preamble
 from protocols.stimulus import Stimulus
 
 if TYPE_CHECKING:
@@ -46,8 +47,14 @@ def stimulus_of(point: Point) -> Stimulus:
     Stimulus
         Square wave: a dark part, then `point.pulses` times a bright and a dark part; both are windows. Reset/test:
         `point.pulses` times gap, reset, gap, test, and a last gap; only the test pulses have windows. Constant: one
-        level and no window.
+        level and no window. A preamble comes before all that.
     """
+    if point.preamble is None:
+        return _bare(point)
+    return with_preamble(_bare(point), point.preamble)
+
+
+def _bare(point: Point) -> Stimulus:
     timing = point.timing
     if isinstance(timing, SquareTiming):
         return _square(point, timing)

@@ -58,6 +58,8 @@ class OpticalBench(World):
         "open", "shrouded" (no light of the room) or "capped" (no light at all), until a recording says otherwise.
     nd_error_od
         For filters by name: what their optical density is above the nominal one.
+    trigger_cable
+        Whether a cable leads from the source to the camera's trigger input.
 
     Raises
     ------
@@ -75,6 +77,7 @@ class OpticalBench(World):
         ambient_lux: float = 0.0,
         ambient: Ambient = "open",
         nd_error_od: Mapping[str, float] | None = None,
+        trigger_cable: bool = True,
     ) -> None:
         _require(0.0 < lux_per_level < math.inf, "lux_per_level", lux_per_level, "more than 0 lux")
         _require(0.0 <= ambient_lux < math.inf, "ambient_lux", ambient_lux, "0 lux or more")
@@ -91,6 +94,7 @@ class OpticalBench(World):
         self._lux_per_level = lux_per_level
         self._ambient_lux = ambient_lux
         self._ambient: Ambient = ambient
+        self._trigger_cable = trigger_cable
         self.nd_error_od = dict(nd_error_od or {})
         self._level = 0.0
         self._transmission = 1.0
@@ -139,9 +143,10 @@ class OpticalBench(World):
             self._ambient = ambient
             self._steps = [(self.clock.now_ns, *self._light_now())]
 
-    def emit_trigger(self, *, rising: bool) -> None:
-        """Send an edge to the camera's trigger input now."""
-        self._triggers.append(TriggerEdge(self.clock.now_ns, rising))
+    def emit_trigger(self, *, rising: bool, at_ns: int | None = None) -> None:
+        """Send an edge to the camera's trigger input, now or at a time to come; without a cable nothing arrives."""
+        if self._trigger_cable:
+            self._triggers.append(TriggerEdge(self.clock.now_ns if at_ns is None else at_ns, rising))
 
     def forget_before(self, time_ns: int) -> None:
         """Let go of what was before `time_ns`, apart from the level at that time: memory stays bounded."""

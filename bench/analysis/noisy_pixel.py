@@ -83,6 +83,8 @@ def reason_against(rows: Sequence[ResponseRow]) -> str | None:
     rising = int(np.sum((share > _RISE[0] * top) & (share < _RISE[1] * top)))
     if rising < _LEAST_RISING or share.min() > 0.5 * top:
         return f"{rising} contrasts on the rise of the curve; {_LEAST_RISING} are needed, with one below its middle"
+    if not any(row.latency_counts.any() for row in rows):
+        return "there are no latencies, for want of triggers"
     if Latencies.of(rows).contrast.size < _LEAST_LATENCIES:
         return "too few answers to tell the time constant from their latencies"
     return None

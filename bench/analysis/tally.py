@@ -148,7 +148,7 @@ def tally_events(point: PointData, chunks: Iterable[npt.NDArray[np.void]]) -> Po
     tests = test_windows(point)
     resets = reset_windows(point, tests)
     roi, active = point.roi, active_pixels(point)
-    answered = _Counter(tests, len(tests.groups), roi.pixels, latencies=True)
+    answered = _Counter(tests, len(tests.groups), roi.pixels, latencies=point.tells_latency)
     rearmed = _Counter(resets, len(tests.groups), roi.pixels, latencies=False)
     pixel_events = np.zeros((2, roi.pixels), np.int64)
     first_half = np.zeros(roi.pixels, np.int64)

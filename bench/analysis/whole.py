@@ -52,6 +52,8 @@ class _Collected:
         self._active: npt.NDArray[np.bool_] = np.empty(0, np.bool_)
         self.maps: dict[Roi, npt.NDArray[np.int64]] = {}
         self.warnings: list[str] = []
+        self.untimed = 0  #: points whose time axis the events told
+        self.doubtful: list[tuple[int, str]] = []  #: points whose time axis may be wrong, and why
 
     def add(self, point: PointData, tally: PointTally) -> None:
         """Take the counts of one point in."""
@@ -74,6 +76,9 @@ class _Collected:
             self.warnings.extend(f"point {point.index}: {text}" for text in drift_warnings(point, tally))
         elif not tally.groups:
             self.warnings.append(f"point {point.index}: no test pulse can be used")
+        self.untimed += not point.tells_latency
+        if point.quality.get("time_doubtful"):
+            self.doubtful.append((point.index, str(point.quality.get("time_note", ""))))
         self.maps.setdefault(point.roi, np.zeros(point.roi.pixels, np.int64))
         self.maps[point.roi] += tally.pixel_events.sum(axis=0)
         self.warnings.extend(f"point {point.index}: {text}" for text in _point_warnings(tally))
@@ -152,7 +157,7 @@ def analyze(
         pixel_maps=maps,
         event_map=event_map,
         event_map_origin=origin,
-        warnings=(*collected.warnings, *_run_warnings(rows, curves)),
+        warnings=(*collected.warnings, *_time_warnings(collected), *_run_warnings(rows, curves)),
     )
 
 
@@ -185,6 +190,24 @@ def _event_map(maps: dict[Roi, npt.NDArray[np.int64]], window: Roi) -> tuple[npt
         rows, columns = slice(roi.y - y, roi.y - y + roi.height), slice(roi.x - x, roi.x - x + roi.width)
         total[rows, columns] += counts.reshape(roi.height, roi.width)
     return total, (x, y)
+
+
+def _time_warnings(collected: _Collected) -> Iterator[str]:
+    if collected.untimed:
+        yield (
+            f"{_points(collected.untimed)} had no triggers: the answers themselves told when the light changed, so "
+            "there are no latencies, and nothing that needs them"
+        )
+    if collected.doubtful:
+        first, note = collected.doubtful[0]
+        yield (
+            f"when the light changed is doubtful in {_points(len(collected.doubtful))}; point {first}: {note}; a "
+            "trigger cable or a preamble would tell"
+        )
+
+
+def _points(number: int) -> str:
+    return "1 point" if number == 1 else f"{number} points"
 
 
 def _run_warnings(rows: Sequence[ResponseRow], curves: Sequence[SCurve]) -> Iterator[str]:

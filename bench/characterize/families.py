@@ -124,8 +124,11 @@ def _reason_against(family: CurveFamily) -> str:
             f"{min(rising)} contrasts on the rise of a curve, {sum(rising)} in all; at least {_LEAST_RISING} and "
             f"{_LEAST_RISING_IN_ALL} are needed"
         )
-    if not any(r.latency_counts.sum() for r in family.rows if r.key == family.curves[-1].key):
+    bright = [r for r in family.rows if r.key == family.curves[-1].key]
+    if not any(r.responses for r in bright):
         return "no pulse in bright light was answered"
+    if not any(r.latency_counts.sum() for r in bright):
+        return "there are no latencies, for want of triggers"
     return ""
 
 

@@ -35,6 +35,9 @@ def findings_of(problem: Problem) -> tuple[str, ...]:
     invalid = sum(int((~p.pulse_valid).sum()) for p in points)
     if pulses and invalid > _POINTS * pulses:
         found.append(f"{invalid} of {pulses} test pulses are marked as not valid, as by lost triggers")
+    doubtful = [p for p in points if p.quality.get("time_doubtful")]
+    if len(doubtful) > _POINTS * len(points):
+        found.append(f"when the light changed is doubtful in {len(doubtful)} of {len(points)} points")
     if not pulses and not any(p.waveform == "constant" for p in points):
         found.append("there are neither test pulses nor constant light")
     return tuple(found)

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from bench.importing.from_events import EventClock, find_offset
+from bench.alignment.counts import EventCounts
+from bench.alignment.events import align_to_events
+from bench.alignment.triggers import align_to_triggers, moved_windows
 from bench.importing.point_file import carried_over, shift_s
 from bench.importing.schema import PointSection, RecordingsFile
 from bench.importing.stimulus import Light, light_of
 from bench.importing.stream import Source, open_source, rebased
 from bench.logs import LOG_FILE, log_into
-from bench.run.alignment import align_to_triggers, moved_windows
 from bench.run.runner import new_run_id
 from bench.run.software import software_versions
 from bench.store.durable import sync_folder
@@ -56,7 +57,7 @@ def import_folder(folder: Path | str, out: Path | str) -> Path:
     """Make the run `out` of the recordings in `folder`, which ``recordings.yaml`` there describes.
 
     Recordings are read as streams, in memory that does not grow with them, apart from the triggers and a count of
-    events for each 0.1 ms. The run appears when it is complete; an error leaves nothing behind.
+    events for each 50 us. The run appears when it is complete; an error leaves nothing behind.
 
     Raises
     ------
@@ -136,7 +137,7 @@ class _Found:
     """What is known of a recording after it was read through."""
 
     duration_s: float = 0.0
-    clock: EventClock = field(default_factory=EventClock)
+    counts: EventCounts = field(default_factory=EventCounts)
     trigger_t_us: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     trigger_p: npt.NDArray[np.uint8] = field(default_factory=lambda: np.empty(0, np.uint8))
 
@@ -149,7 +150,7 @@ def _read_through(source: Source, section: PointSection, point: PointWriter, roi
         t.append(chunk.triggers["t"])
         p.append(chunk.triggers["p"])
         if section.align == "from_events":
-            found.clock.add(chunk.events)
+            found.counts.add(chunk.events["t"], chunk.events["p"])
     found.trigger_t_us, found.trigger_p = np.concatenate(t), np.concatenate(p)
     found.duration_s = _duration_s(section, source)
     return found
@@ -229,12 +230,15 @@ def _aligned(
             raise InputError(f"{source.path}: none of its {len(found.trigger_t_us)} triggers fits the stimulus")
         quality |= {"edges_without_trigger": fit.lost, "triggers_without_edge": fit.extra}
         return fit.t_s, fit.trigger, fit.attributes()
-    place = find_offset(light.stimulus, found.clock, found.duration_s)
-    if place is None:
+    limits_s = (-float(edges_s[:2][-1]), found.duration_s - float(edges_s[-1]))  # all edges are in the recording
+    if limits_s[1] < limits_s[0]:
         raise InputError(f"{source.path}: the stimulus is longer than the recording of {found.duration_s:.4g} s")
+    place = align_to_events(
+        edges_s, light.stimulus.lux, found.counts, duration_s=found.duration_s, offset_limits_s=limits_s
+    )
+    if place is None:
+        raise InputError(f"{source.path}: no events answer the stimulus, so they do not tell when it began")
     if place.doubtful:
-        _log.warning("%s: when the stimulus began is doubtful: %s", source.path, place.note)
-    quality |= {"time_doubtful": int(place.doubtful), "time_note": place.note}
-    t_s = edges_s + place.offset_s
-    t_s[0] = 0.0
-    return t_s, None, {"time_offset_s": place.offset_s, "time_residual_s": place.residual_s}
+        _log.warning("%s: when the stimulus began is doubtful: %s", source.path, "; ".join(place.doubts))
+    quality |= place.quality()
+    return place.t_s, None, place.attributes()

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from bench.run.alignment import align_to_triggers, moved_windows
+from bench.alignment.counts import EventCounts
+from bench.alignment.latency import Answering
+from bench.alignment.placing import PlacedEdges, Taken, place_edges
+from bench.alignment.triggers import moved_windows
 from bench.station.station import naming
 from bench.store.record import PointRecord, PulseRecord, StimulusRecord
 from bench.store.writer import utc_now
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Recorder"]
 
-_log = logging.getLogger("evs_bench.run")
+_TIME_CONSTANTS: Final = math.log(9.0)  #: from 10 % to 90 % of a step
 
 
 class Recorder:
@@ -67,23 +69,54 @@ class Recorder:
     def take(self, planned: PlannedPoint, writer: PointWriter) -> PointRecord:
         """Record the point, pass its events to `writer` as they come, and return the rest of what is written."""
         station, point = self._station, planned.point
-        started = utc_now()
+        started, before_c = utc_now(), station.camera.temperature_c()
         with naming(station.camera, "start"):
             station.camera.start(Recording(_label(point), planned.waveform.duration_s, point.seed, point.ambient))
         begin = station.clock.now()
         with naming(station.light, "play"):
             played = station.light.play(planned.waveform)
+        play_s = station.clock.now() - begin
         with naming(station.camera, "stop"):
             station.camera.stop()
         duration_s = round(station.clock.now() - begin, 9)
+        t_us, p = self._received(writer)
+        taken = Taken(
+            name=f"point {point.index}",
+            edges_s=played.t_s,
+            lux=planned.stimulus.lux,
+            trigger_t_us=t_us,
+            trigger_p=p,
+            marks_s=played.trigger_t_s,
+            duration_s=duration_s,
+            latest_s=max(0.0, play_s - planned.waveform.duration_s),
+            answering=self._answering(point),
+            counted=lambda: _counted(writer),
+        )
+        placed = _Placed.of(planned, played, place_edges(taken))
+        with naming(station.camera, "say how it went"):
+            return self._record(
+                planned, duration_s, placed, {"started": started, **_known("temperature_before_c", before_c)}
+            )
+
+    def _received(self, writer: PointWriter) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8]]:
+        """Pass what the camera recorded to `writer`; return times (us) and polarities of the triggers."""
         triggers = [np.empty((2, 0), np.int64)]
         for chunk in self._chunks():
             writer.append(chunk)
             triggers.append(np.stack([chunk.triggers["t"], chunk.triggers["p"].astype(np.int64)]))
         t_us, p = np.concatenate(triggers, axis=1)
-        placed = _on_camera_time(planned, played, t_us, p.astype(np.uint8))
-        with naming(station.camera, "say how it went"):
-            return self._record(planned, duration_s, started, placed)
+        return t_us, p.astype(np.uint8)
+
+    def _answering(self, point: Point) -> Answering:
+        """Return what is known of light and pixels, for edges that are to be placed by the events."""
+        edge_s, settings = self._station.light.edge_time_s, point.settings
+        rise_tau_s = edge_s / _TIME_CONSTANTS if math.isfinite(edge_s) else None
+        known = {
+            "theta_on": settings.theta_on,
+            "theta_off": settings.theta_off,
+            "bandwidth_hz": settings.bandwidth_hz,
+        }
+        return Answering(rise_tau_s, **{name: value for name, value in known.items() if value is not None})
 
     def _chunks(self) -> Iterator[EventChunk]:
         """Yield what the camera recorded; only what it raises itself is put down to it."""
@@ -124,10 +157,13 @@ class Recorder:
             changed = True
         return changed
 
-    def _record(self, planned: PlannedPoint, duration_s: float, started: str, placed: _Placed) -> PointRecord:
+    def _record(
+        self, planned: PlannedPoint, duration_s: float, placed: _Placed, beginning: dict[str, Any]
+    ) -> PointRecord:
         camera, point = self._station.camera, planned.point
         quality = dataclasses.asdict(camera.quality())
         gaps = quality.pop("gaps_s")
+        refractory_s, source = self._refractory_s(point)
         return PointRecord(
             index=point.index,
             waveform=point.waveform,
@@ -138,23 +174,29 @@ class Recorder:
             nd_od=point.nd_od,
             stimulus=placed.stimulus,
             pulses=placed.pulses,
-            refractory_s=self._refractory_s(point),
+            refractory_s=refractory_s,
             temperature_c=camera.temperature_c(),
             roi=None if point.roi == self._roi else point.roi,
-            attributes={**self._attributes(planned), "started": started, **placed.attributes},
+            attributes={
+                **self._attributes(planned),
+                "refractory_source": source,
+                **beginning,
+                **placed.attributes,
+            },
             bias={name: float(value) for name, value in camera.biases().items()},
             quality={**quality, "gaps": len(gaps), **placed.quality},
             gaps_s=tuple(gaps),
         )
 
-    def _refractory_s(self, point: Point) -> float:
-        """Return the dead time as the device measures it, else as it was asked for, else as the bias map has it."""
+    def _refractory_s(self, point: Point) -> tuple[float, str]:
+        """Return the dead time and who says so: the device if it measures it, else the protocol, else the map."""
         measured = self._station.camera.refractory_s()
         if not math.isnan(measured):
-            return measured
+            return measured, "measured"
         if point.settings.refractory_s is not None:
-            return point.settings.refractory_s
-        return self._station.calibration.settings_at(self._station.camera.biases()).get("refractory_s", math.nan)
+            return point.settings.refractory_s, "asked"
+        mapped = self._station.calibration.settings_at(self._station.camera.biases()).get("refractory_s", math.nan)
+        return mapped, "unknown" if math.isnan(mapped) else "bias_map"
 
     def _attributes(self, planned: PlannedPoint) -> dict[str, Any]:
         point = planned.point
@@ -187,45 +229,32 @@ class _Placed:
     stimulus: StimulusRecord
     pulses: PulseRecord
     attributes: dict[str, Any]
-    quality: dict[str, int]
+    quality: dict[str, Any]
+
+    @classmethod
+    def of(cls, planned: PlannedPoint, played: PlayedWaveform, edges: PlacedEdges) -> _Placed:
+        stimulus = planned.stimulus
+        start, stop = moved_windows(stimulus, edges.t_s)
+        host = [
+            None if t is None else t + edges.offset_s
+            for t in (played.t_written_s, played.t_acknowledged_s, played.t_settled_s)
+        ]
+        record = StimulusRecord(edges.t_s, stimulus.lux, edges.trigger, *host)
+        pulses = PulseRecord(start, stop, stimulus.pulse_kind)
+        return cls(record, pulses, edges.attributes, edges.quality)
+
+
+def _known(name: str, value: float) -> dict[str, float]:
+    return {} if math.isnan(value) else {name: value}
 
 
 def _label(point: Point) -> str:
     return f"{point.measurement} {point.index}"
 
 
-def _on_camera_time(
-    planned: PlannedPoint, played: PlayedWaveform, t_us: npt.NDArray[np.int64], p: npt.NDArray[np.uint8]
-) -> _Placed:
-    """Return the stimulus and the windows on the camera's time axis.
-
-    The triggers place the edges; where they do not fit, or there are none, the edges lie where the source says,
-    counted from the beginning.
-    """
-    stimulus = planned.stimulus
-    found = align_to_triggers(played.t_s, t_us, p)
-    if found is None:
-        t_s, shift, trigger = played.t_s.copy(), 0.0, None
-        t_s[0] = 0.0  # the level at the beginning is no edge
-        more: dict[str, Any] = {"time_axis": "edges_known"}
-        quality = _unmatched(planned, len(t_s) - 1, len(t_us)) if len(t_us) else {}
-    else:
-        t_s, shift, trigger = found.t_s, found.offset_s, found.trigger
-        more = {"time_axis": "trigger", **found.attributes()}
-        quality = {"edges_without_trigger": found.lost, "triggers_without_edge": found.extra}
-    start, stop = moved_windows(stimulus, t_s)
-    host = [
-        None if t is None else t + shift for t in (played.t_written_s, played.t_acknowledged_s, played.t_settled_s)
-    ]
-    record = StimulusRecord(t_s, stimulus.lux, trigger, *host)
-    return _Placed(record, PulseRecord(start, stop, stimulus.pulse_kind), more, quality)
-
-
-def _unmatched(planned: PlannedPoint, edges: int, triggers: int) -> dict[str, int]:
-    """Return the counts of a point whose triggers do not fit its edges, and warn where that matters."""
-    if edges:
-        _log.warning(
-            "point %d: triggers (%d) do not fit the edges of the stimulus (%d), which are taken to be where the "
-            "source says", planned.point.index, triggers, edges,
-        )  # fmt: skip
-    return {"edges_without_trigger": edges, "triggers_without_edge": triggers}
+def _counted(writer: PointWriter) -> EventCounts:
+    """Return the events that `writer` has, counted in short bins."""
+    counts = EventCounts()
+    for t_us, p in writer.times_and_polarities():
+        counts.add(t_us, p)
+    return counts

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from bench.store.layout import FROM_EVENTS
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
@@ -71,6 +73,11 @@ class PointData:
     bias: dict[str, float]  #: settings as read back; empty if not recorded
     quality: dict[str, Any]
     attributes: dict[str, Any]  #: all root attributes of the file, unknown ones too
+
+    @property
+    def tells_latency(self) -> bool:
+        """Whether the time from an edge to its answer may be read: not where the answers told when the edge was."""
+        return bool(self.attributes.get("time_axis") != FROM_EVENTS)
 
     def events(self, chunk: int = 1_000_000) -> Iterator[npt.NDArray[np.void]]:
         """Yield the events in order, at most `chunk` at a time, as arrays of `EVENT_DTYPE`.

@@ -9,6 +9,8 @@ from typing import Final
 from bench.store.errors import RunError
 
 __all__ = [
+    "CONTROL_FILE",
+    "FROM_EVENTS",
     "JOURNAL_FILE",
     "PART_SUFFIX",
     "POINTS_FOLDER",
@@ -18,6 +20,8 @@ __all__ = [
     "RUN_FORMAT",
     "Dataset",
     "check_format",
+    "point_file",
+    "point_of",
 ]
 
 RUN_FORMAT: Final = "evs-bench-run/1"
@@ -26,6 +30,21 @@ RUN_FILE: Final = "run.yaml"
 JOURNAL_FILE: Final = "journal.jsonl"
 POINTS_FOLDER: Final = "points"
 PART_SUFFIX: Final = ".part"
+FROM_EVENTS: Final = "from_events"  #: a `time_axis` that the events themselves told
+CONTROL_FILE: Final = "control.json"  #: what the operator wishes, from another terminal; gone when it was heard
+
+_POINT_FILE: Final = re.compile(r"(?P<index>[0-9]{6,})(\.r(?P<repeat>[1-9][0-9]*))?\.h5")
+
+
+def point_file(index: int, repeat: int = 0) -> str:
+    """Return the name of the file of a point: of its first file, or of a further one, ``000012.r1.h5``."""
+    return f"{index:06d}{f'.r{repeat}' if repeat else ''}.h5"
+
+
+def point_of(name: str) -> tuple[int, int] | None:
+    """Return the point and the number of its file by the name of the file; None if it is none of a point."""
+    match = _POINT_FILE.fullmatch(name)
+    return None if match is None else (int(match["index"]), int(match["repeat"] or 0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,6 +86,16 @@ class PointWriter:
             if self._held_events >= _BUFFERED:
                 self._flush_events()
 
+    def times_and_polarities(self) -> Iterator[tuple[npt.NDArray[np.int64], npt.NDArray[np.uint8]]]:
+        """Yield times (us) and polarities of all events that are in, stretch by stretch."""
+        t, p = self._columns["events/t"], self._columns["events/p"]
+        for first in range(0, t.shape[0], _BUFFERED):
+            with self._writing():
+                part = t[first : first + _BUFFERED], p[first : first + _BUFFERED]
+            yield part
+        for events in self._held:
+            yield events["t"], events["p"]
+
     def finish(self, record: PointRecord) -> None:
         """Write `record`, bring the file to disk, and give it its name."""
         with self._writing():

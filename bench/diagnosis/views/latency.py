@@ -9,7 +9,7 @@ import numpy as np
 from bench.diagnosis.views.base import Statistic, View
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     import numpy.typing as npt
 
@@ -29,7 +29,7 @@ class Latency(View):
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield it for each group of pulses."""
-        for answers in recording.groups:
+        for answers in _timed(recording):
             yield _mean_log(answers, answers.latency_s)
 
 
@@ -44,7 +44,7 @@ class LatencySpread(View):
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield it for each group of pulses."""
-        for answers in recording.groups:
+        for answers in _timed(recording):
             steps = np.diff(_log(answers.latency_s), axis=1) ** 2
             known = np.isfinite(steps)
             yield _statistic(answers, np.where(known, steps, 0.0).sum(axis=1), known.sum(axis=1))
@@ -60,6 +60,11 @@ class SecondEvent(View):
         """Yield it for each group of pulses."""
         for answers in recording.groups:
             yield _mean_log(answers, answers.gap_s)
+
+
+def _timed(recording: Recording) -> Sequence[Answers]:
+    """Return the groups of pulses; none where the time axis was itself found from the events."""
+    return recording.groups if recording.frame.point.tells_latency else ()
 
 
 def _log(times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

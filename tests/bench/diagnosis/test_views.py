@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +61,19 @@ def test_answers_written_by_hand(point: Callable[..., Any], recorded: Callable[.
     assert value(summary, "second_event", "on") == pytest.approx(math.log(9e-3))
     assert value(summary, "halves", "on") == pytest.approx(-2 / (PIXELS * 5))
     assert math.isnan(value(summary, "second_event", "off"))
+
+
+def test_no_latency_where_the_events_told_when_the_light_changed(
+    point: Callable[..., Any], recorded: Callable[..., Any]
+) -> None:
+    events = [(50_400, 0, 0, 1), (59_400, 0, 0, 1), (150_900, 0, 0, 1), (200_100, 5, 0, 0)]
+    timed = point(0, 0.4)
+    untimed = replace(timed, attributes={**timed.attributes, "time_axis": "from_events"})
+    seen, blind = look(recorded(timed, events)), look(recorded(untimed, events))
+    views = {label.view for label in seen.labels}
+    assert views - {label.view for label in blind.labels} == {"latency", "latency_spread"}
+    assert value(blind, "response", "on") == value(seen, "response", "on")
+    assert value(blind, "second_event", "on") == value(seen, "second_event", "on")
 
 
 def test_background_written_by_hand(point: Callable[..., Any], recorded: Callable[..., Any]) -> None:

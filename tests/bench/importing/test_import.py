@@ -14,7 +14,6 @@ from click.testing import CliRunner
 
 from bench.commands.import_ import command
 from bench.importing import import_folder
-from bench.importing.from_events import EventClock
 from bench.store import PointData, Run, RunError
 from drivers.events.encode import Evt3Encoder, raw_header
 from drivers.events.raw import open_recording
@@ -122,13 +121,13 @@ def test_lost_and_foreign_triggers_are_counted(square: PointData, tmp_path: Path
 
 
 def test_events_tell_when_the_stimulus_began(square: PointData, tmp_path: Path) -> None:
-    """The offset is late by the latency of the pixel: some time constants of 1 ms, and 8 ms where it was blind."""
+    """Within the bound that it states: some time constants of 1 ms of the pixel are not known."""
     folder = _describe(tmp_path / "in", _square_section(square, align="from_events"))
     shutil.copy(square.path, folder / "p.h5")
     point = _imported(folder, tmp_path / "out")
     late = point.stimulus_t_s[1:] - square.stimulus_t_s[1:]
-    assert np.ptp(late) < 1e-9
-    assert -0.001 <= late[0] <= 0.01
+    assert np.ptp(late) < 5e-5  # a rate of the clocks is fitted, too
+    assert np.abs(late).max() <= point.attributes["time_bound_s"] < 0.005
     assert point.quality["time_doubtful"] == 0
     assert point.attributes["time_axis"] == "from_events"
     assert point.attributes["time_residual_s"] < 0.005
@@ -143,19 +142,6 @@ def test_noise_alone_does_not_tell_when_the_stimulus_began(
     point = _imported(folder, tmp_path / "out")
     assert point.quality["time_doubtful"] == 1
     assert point.quality["time_note"]
-
-
-def test_the_clock_of_events_counts_like_a_histogram() -> None:
-    rng = np.random.default_rng(3)
-    events = np.zeros(5000, EVENT_DTYPE)
-    events["t"], events["p"] = np.sort(rng.integers(0, 9_000_000, 5000)), rng.integers(0, 2, 5000)
-    clock = EventClock()
-    for part in np.array_split(events, 7):
-        clock.add(part)
-    for polarity in (0, 1):
-        mine = events["t"][events["p"] == polarity]
-        edges = 100 * np.arange(clock.cumulative().shape[1])
-        np.testing.assert_array_equal(clock.cumulative()[polarity], np.searchsorted(mine, edges))
 
 
 def _recording(path: Path, t: list[int], x: list[int], triggers: list[tuple[int, int, int]]) -> None:

@@ -40,6 +40,8 @@ _MODEL_S: Final = 3e-5  #: ...and this much of any
 _NOT_DUE: Final = 8.0  #: ln of the odds against answers to a step that should not be answered
 _UNCLEAR_S: Final = 3e-4  #: fronts that are known no better, and
 _LATE_S: Final = 5e-3  #: that come so far from the clearest one, are answers to something else
+_FREEDOM: Final = 4.0  #: degrees of freedom of Student's distribution, for kinds that do not agree
+_TURNS: Final = 5
 _BOUND_SD: Final = 2.0
 _MOST_KINDS: Final = 16  #: that are used, the largest steps
 
@@ -94,17 +96,17 @@ def light_began(answered: Sequence[Answered], answering: Answering) -> Began:
     due = np.isfinite(latency)
     latency = np.where(due, latency, 0.0)
     own_sd = np.array([kind.sd_s for kind in kinds])[:, None]
-    weight = due / (own_sd**2 + (_MODEL_PART * latency) ** 2 + _MODEL_S**2)
+    believed = due / (own_sd**2 + (_MODEL_PART * latency) ** 2 + _MODEL_S**2)
     place = np.array([kind.t_s for kind in kinds])[:, None] - latency
-    total = weight.sum(axis=0)
-    usable = total > 0.0
+    usable = believed.sum(axis=0) > 0.0
     if not usable.any():
         first = min(kinds, key=lambda kind: kind.t_s)
         return Began(first.t_s - 0.5e-3, first.sd_s, 1e-3)
-    total = np.where(usable, total, 1.0)
-    mean = (weight * place).sum(axis=0) / total
-    likeness = prior - 0.5 * (weight * np.square(place - mean)).sum(axis=0) - _NOT_DUE * (~due).sum(axis=0)
-    likeness += 0.5 * np.log(np.where(due, weight, 1.0)).sum(axis=0) - 0.5 * np.log(total)
+    mean, weight = _robust_mean(place, believed)
+    total = np.where(usable, weight.sum(axis=0), 1.0)
+    apart = believed * np.square(place - mean) / _FREEDOM
+    likeness = prior - 0.5 * (_FREEDOM + 1.0) * np.log1p(apart).sum(axis=0) - _NOT_DUE * (~due).sum(axis=0)
+    likeness += 0.5 * np.log(np.where(due, believed, 1.0)).sum(axis=0) - 0.5 * np.log(total)
     likeness[~usable] = -np.inf
     chance = np.exp(likeness - likeness.max())
     chance /= chance.sum()
@@ -112,6 +114,18 @@ def light_began(answered: Sequence[Answered], answering: Answering) -> Began:
     variance = float((chance * (np.square(mean - at_s) + 1.0 / total)).sum())
     sd_s = float(np.sqrt((chance * ((weight / total) ** 2 * own_sd**2).sum(axis=0)).sum()))
     return Began(at_s - _ELECTRONICS_S, sd_s, _BOUND_SD * float(np.sqrt(variance + _ELECTRONICS_SD_S**2)))
+
+
+def _robust_mean(place: Floats, believed: Floats) -> tuple[Floats, Floats]:
+    """Return the mean place of all kinds and the weight of each, for deviations of Student's distribution.
+
+    A kind whose front was mistaken, for a background event before it for instance, has little say.
+    """
+    weight = believed
+    for _ in range(_TURNS):
+        mean = (weight * place).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
+        weight = believed * (_FREEDOM + 1.0) / (_FREEDOM + believed * np.square(place - mean))
+    return np.asarray(mean, np.float64), np.asarray(weight, np.float64)
 
 
 def _clear(answered: Sequence[Answered]) -> list[Answered]:

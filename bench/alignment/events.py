@@ -13,24 +13,24 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.run.edge_front import block_shifts, find_front, fold, sharpest_drift
-from bench.run.edge_latency import Answered, Answering, light_began
-from bench.run.edge_places import Edges, light_edges
-from bench.run.edge_search import search
+from bench.alignment.front import block_shifts, find_front, fold, sharpest_drift
+from bench.alignment.latency import Answered, Answering, light_began
+from bench.alignment.places import Edges, light_edges
+from bench.alignment.search import search
+from bench.store.layout import FROM_EVENTS
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bench.run.edge_counts import EventCounts
-    from bench.run.edge_front import Fold
-    from bench.run.edge_latency import Began
-    from bench.run.edge_telling import Searched
+    from bench.alignment.counts import EventCounts
+    from bench.alignment.front import Fold
+    from bench.alignment.latency import Began
+    from bench.alignment.telling import Searched
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["TIME_AXIS", "EdgeAlignment", "align_to_events"]
+__all__ = ["EdgeAlignment", "align_to_events"]
 
-TIME_AXIS: Final = "events"  #: what a point file says of its time axis: there are no latencies on it
 #: Drifts from the middle of the recording to its end that are tried, s, and how many to either side.
 _DRIFTS: Final = ((4e-3, 30), (4e-4, 12), (1e-4, 8))
 _ROUNDS: Final = 3
@@ -57,6 +57,7 @@ class EdgeAlignment:
     seen: int  #: edges that were answered
     unseen: int  #: edges that were not: too small, lost, or outside the recording
     doubts: tuple[str, ...]  #: why it may be wrong altogether; empty if it is sure
+    followed: bool  #: events follow the edges clearly; if not, this is chance
     second_s: float  #: the other offset that is hardest to tell from this one; NaN without one
     told_edges: float  #: edges that speak for this offset and against that one; infinite without one
 
@@ -74,7 +75,7 @@ class EdgeAlignment:
             "time_rate_ppm": self.rate_ppm,
             "time_residual_s": self.residual_s,
         }
-        return {"time_axis": TIME_AXIS, **{name: value for name, value in known.items() if np.isfinite(value)}}
+        return {"time_axis": FROM_EVENTS, **{name: value for name, value in known.items() if np.isfinite(value)}}
 
     def quality(self) -> dict[str, int | str]:
         """Return what the quality of a point says of it."""
@@ -291,6 +292,7 @@ def _alignment(
         seen=seen,
         unseen=len(edges.t_s) - seen,
         doubts=tuple(doubts),
+        followed=found.followed and began is not None,
         second_s=float("nan") if found.second is None else found.second.offset_s,
         told_edges=found.told_edges,
     )

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.run.edge_places import STEP_S, AnswerCounts, Edges, Place, scored
-from bench.run.edge_telling import WORTH, Searched, judged
+from bench.alignment.places import STEP_S, AnswerCounts, Edges, Place, scored
+from bench.alignment.telling import WORTH, Searched, judged
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bench.run.edge_counts import EventCounts
+    from bench.alignment.counts import EventCounts
 
     Floats = npt.NDArray[np.float64]
 

@@ -7,13 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.run.edge_counts import EventCounts
-from bench.run.edge_front import find_front, fold
-from bench.run.edge_latency import Answered, Answering, light_began
-from bench.run.edge_places import light_edges
-from bench.run.edge_preamble import preamble, with_preamble
+from bench.alignment.counts import EventCounts
+from bench.alignment.front import find_front, fold
+from bench.alignment.latency import Answered, Answering, light_began
+from bench.alignment.places import light_edges
 from protocols.errors import InputError
-from protocols.waveforms import square_edges
 
 
 @given(st.lists(st.tuples(st.integers(0, 10_000_000), st.integers(0, 1)), max_size=50), st.integers(1, 7))
@@ -32,36 +30,6 @@ def test_events_are_counted_in_their_bins(events: list[tuple[int, int]], factor:
 def test_an_event_before_the_beginning_is_refused() -> None:
     with pytest.raises(InputError, match="-1 us"):
         EventCounts.of(np.array([-1]), np.array([0], np.uint8))
-
-
-@pytest.mark.parametrize("edges", [4, 6, 8, 10])
-def test_all_distances_in_a_preamble_differ(edges: int) -> None:
-    gaps = preamble(edges, 0.04)
-    assert len(gaps) == edges - 1
-    marks = np.concatenate(([0.0], np.cumsum(gaps)))
-    apart = np.round((marks[:, None] - marks)[np.tril_indices(edges, -1)] / 0.04).astype(int)
-    assert len(set(apart.tolist())) == len(apart)
-    assert min(gaps) == pytest.approx(0.04)
-
-
-def test_a_preamble_that_there_is_not() -> None:
-    with pytest.raises(InputError, match="7"):
-        preamble(7)
-    with pytest.raises(InputError, match="unit_s"):
-        preamble(8, 0.0)
-    with pytest.raises(InputError, match="other_lux"):
-        with_preamble(square_edges(period_s=1, duty=0.5, low_lux=1, high_lux=2, cycles=1, first_edge_s=0.5), 1.0)
-
-
-def test_a_stimulus_behind_a_preamble_keeps_its_windows() -> None:
-    square = square_edges(period_s=0.2, duty=0.5, low_lux=1.0, high_lux=2.0, cycles=3, first_edge_s=0.1)
-    longer = with_preamble(square, 10.0, edges=4, unit_s=0.05, before_s=0.2, after_s=0.3)
-    np.testing.assert_allclose(longer.t_s[:5], [0.0, 0.2, 0.25, 0.4, 0.5])
-    np.testing.assert_allclose(longer.lux[:6], [1.0, 10.0, 1.0, 10.0, 1.0, 2.0])
-    np.testing.assert_allclose(longer.t_s[5:], square.t_s[1:] + 0.8)
-    np.testing.assert_allclose(longer.pulse_start_s, square.pulse_start_s + 0.8)
-    assert longer.duration_s == pytest.approx(square.duration_s + 0.8)
-    assert np.all(np.diff(longer.t_s) > 0)
 
 
 def test_edges_of_a_kind_go_between_the_same_levels() -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.run.edge_counts import BIN_S
+from bench.alignment.counts import BIN_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

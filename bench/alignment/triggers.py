@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from protocols.stimulus import Stimulus
 
-__all__ = ["Alignment", "align_to_triggers", "moved_windows"]
+__all__ = ["Alignment", "align_to_marks", "align_to_triggers", "moved_windows"]
 
 _US: Final = 1e-6
 #: A trigger belongs to an edge if it is nearer than this part of the shortest time between edges...
@@ -23,6 +23,10 @@ _FARTHEST_S: Final = 0.01
 _FEWEST: Final = 2
 #: One of so many first edges must have its trigger, for the others to be found.
 _EDGES_TRIED: Final = 8
+#: Triggers that are not those of edges belong to their marks if their distances agree to this, s...
+_MARKS_S: Final = 1e-3
+#: ...and to this part of themselves, for clocks that drift apart.
+_MOST_DRIFT: Final = 5e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,7 @@ class Alignment:
         return {
             "time_offset_s": self.offset_s,
             "time_rate_ppm": self.rate_ppm,
-            "time_residual_s": self.residual_s,
+            **({"time_residual_s": self.residual_s} if np.isfinite(self.residual_s) else {}),
         }
 
 
@@ -73,6 +77,45 @@ def align_to_triggers(
     sound = [fit for fit in fits if len(edges_s) - 1 - fit.lost >= needed]
     # The first of equals: a pulse begins with its edge.
     return min(sound, key=lambda fit: fit.lost + fit.extra, default=None)
+
+
+def align_to_marks(
+    edges_s: npt.NDArray[np.float64],
+    marks_s: npt.NDArray[np.float64],
+    trigger_t_us: npt.NDArray[np.int64],
+) -> Alignment | None:
+    """Return the edges by triggers that are not theirs, as at begin and end of a burst; None if they do not fit.
+
+    Parameters
+    ----------
+    edges_s
+        (m,) commanded times, s; the first is the level at the beginning.
+    marks_s
+        (k,) when the source put edges on its trigger output, s. The last ones may come after the recording.
+    trigger_t_us
+        (n,) times of the trigger edges, us.
+    """
+    seen = np.asarray(trigger_t_us / 1e6, np.float64)
+    if len(edges_s) < 2 or not 1 <= len(seen) <= len(marks_s):
+        return None
+    marks = marks_s[: len(seen)]
+    apart_s = np.diff(seen) - np.diff(marks)
+    if np.any(np.abs(apart_s) > _MARKS_S + _MOST_DRIFT * np.diff(marks)):
+        return None
+    rate = float((seen[-1] - seen[0]) / (marks[-1] - marks[0]) - 1.0) if len(seen) > 1 else 0.0
+    offset = float(np.mean(seen - (1.0 + rate) * marks))
+    t_s = offset + (1.0 + rate) * edges_s
+    t_s[0] = 0.0
+    residual = seen - offset - (1.0 + rate) * marks
+    return Alignment(
+        t_s=t_s,
+        trigger=np.full(len(edges_s), -1, np.int64),
+        offset_s=offset,
+        rate_ppm=1e6 * rate,
+        residual_s=float(np.sqrt(np.mean(np.square(residual)))) if len(seen) > 2 else float("nan"),
+        lost=0,
+        extra=0,
+    )
 
 
 def _fit(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from bench.run.edge_places import AnswerCounts, Edges, Place
+    from bench.alignment.places import AnswerCounts, Edges, Place
 
     Floats = npt.NDArray[np.float64]
 
@@ -47,10 +47,15 @@ class Searched:
     seen: npt.NDArray[np.bool_]  #: (n,) edges that were answered
     inside: npt.NDArray[np.bool_]  #: (n,) edges in the recording
 
+    @property
+    def followed(self) -> bool:
+        """Whether events follow the edges clearly."""
+        return self.peak_sigma >= _FOUND_SIGMA
+
     def doubts(self) -> list[str]:
         """Return why the place may be a wrong one; empty if it is sure."""
         doubts = []
-        if self.peak_sigma < _FOUND_SIGMA:
+        if not self.followed:
             doubts.append("the events do not follow the edges clearly")
         if self.second is not None and (self.told_edges < _TOLD_EDGES or self.told_sigma < _TOLD_SIGMA):
             away_ms = 1e3 * (self.second.offset_s - self.place.offset_s)

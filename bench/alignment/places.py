@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.run.edge_counts import BIN_S
+from bench.alignment.counts import BIN_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from bench.run.edge_counts import EventCounts
+    from bench.alignment.counts import EventCounts
 
     Floats = npt.NDArray[np.float64]
 

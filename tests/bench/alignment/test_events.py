@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from bench.run.edge_alignment import EdgeAlignment, align_to_events
-from bench.run.edge_counts import EventCounts
-from bench.run.edge_latency import Answering
-from bench.run.edge_preamble import with_preamble
+from bench.alignment.counts import EventCounts
+from bench.alignment.events import EdgeAlignment, align_to_events
+from bench.alignment.latency import Answering
 from benchmarks.edge_alignment import CASES, Case, Sensor, Truth, recorded, trial
-from protocols.points import Roi
+from protocols.points import Preamble, Roi
+from protocols.preamble import with_preamble
 from protocols.waveforms import constant_light, square_edges
 from sim_backend.pixel.chain import build_chain
 from sim_backend.pixel.effects import ComparatorDelay, PhotoreceptorBandwidth, ShotNoise, ThresholdMismatch
@@ -40,7 +41,8 @@ SENSOR = Sensor(
 )
 PERIOD_S = 0.2
 SQUARE = square_edges(period_s=PERIOD_S, duty=0.5, low_lux=10.0, high_lux=20.0, cycles=30, first_edge_s=0.2)
-MARKED = with_preamble(SQUARE, 50.0)
+FIVE_TIMES = Preamble(math.log(5.0))
+MARKED = with_preamble(SQUARE, FIVE_TIMES)
 TRUTH = Truth(offset_s=0.734, rate=50e-6, duration_s=9.5)
 
 
@@ -168,7 +170,7 @@ def test_few_edges_are_no_sure_alignment(cycles: int) -> None:
 def test_what_the_point_file_says() -> None:
     found = _placed(SQUARE, *_taken(SQUARE))
     attributes, quality = found.attributes(), found.quality()
-    assert attributes["time_axis"] == "events"
+    assert attributes["time_axis"] == "from_events"
     assert attributes["time_offset_s"] == found.offset_s
     assert attributes["time_bound_s"] == found.bound_s
     assert quality["time_doubtful"] == 1
@@ -194,9 +196,8 @@ def _engine_events(model: PixelModel, stimulus: Stimulus, truth: Truth) -> npt.N
     ],
 )
 def test_recordings_of_the_reference_engine(model: PixelModel, within_s: float) -> None:
-    stimulus = with_preamble(
-        square_edges(period_s=0.2, duty=0.5, low_lux=100.0, high_lux=200.0, cycles=8, first_edge_s=0.2), 500.0
-    )
+    square = square_edges(period_s=0.2, duty=0.5, low_lux=100.0, high_lux=200.0, cycles=8, first_edge_s=0.2)
+    stimulus = with_preamble(square, FIVE_TIMES)
     truth = Truth(offset_s=0.4321, rate=-50e-6, duration_s=4.2)
     events = _engine_events(model, stimulus, truth)
     found = _placed(stimulus, events["t"].astype(np.int64), events["p"], truth)
@@ -209,9 +210,8 @@ def test_recordings_of_the_reference_engine(model: PixelModel, within_s: float) 
 def test_slow_pixels_are_placed_within_the_bound_if_their_bandwidth_is_given() -> None:
     """At 50 Hz the first answers come 1 ms after the light: that cannot be told from the clock."""
     truth = Truth(offset_s=0.4321, rate=-50e-6, duration_s=4.2)
-    stimulus = with_preamble(
-        square_edges(period_s=0.2, duty=0.5, low_lux=100.0, high_lux=200.0, cycles=8, first_edge_s=0.2), 500.0
-    )
+    square = square_edges(period_s=0.2, duty=0.5, low_lux=100.0, high_lux=200.0, cycles=8, first_edge_s=0.2)
+    stimulus = with_preamble(square, FIVE_TIMES)
     events = _engine_events(PixelModel(corner_hz=50.0), stimulus, truth)
     counts = EventCounts.of(events["t"].astype(np.int64), events["p"])
     found = align_to_events(

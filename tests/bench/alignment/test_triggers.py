@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.run.alignment import align_to_triggers, moved_windows
+from bench.alignment.triggers import align_to_triggers, moved_windows
 from protocols.waveforms import reset_test_edges, square_edges
 
 EDGES = np.array([0.0, *np.cumsum(np.random.default_rng(1).uniform(0.05, 0.2, 30))])
