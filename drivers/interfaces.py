@@ -183,6 +183,8 @@ class PlayedWaveform:
     t_written_s: npt.NDArray[np.float64] | None = None
     t_acknowledged_s: npt.NDArray[np.float64] | None = None
     t_settled_s: npt.NDArray[np.float64] | None = None
+    #: When it put edges on its trigger output, where these are not the edges of the light: begin and end of a burst.
+    trigger_t_s: npt.NDArray[np.float64] | None = None
 
 
 class LightSource(Device):
@@ -196,6 +198,7 @@ class LightSource(Device):
     limits: Limits  #: lowest and highest level that is lit, in the unit of the source; 0 (dark) is always allowed
     edge_time_s: float  #: 10 % to 90 % of a step, s
     settling_s: float  #: from a step until the light is stable, s
+    level_is_measured: ClassVar[bool] = False  #: whether :meth:`level` measures the light, or knows what was asked
     level_step: float = 0.0  #: between two levels that it can be set to, in the unit of `limits`; 0: any level
 
     def nearest(self, level: float) -> float:

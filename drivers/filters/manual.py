@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from drivers.errors import WrongState
 from drivers.interfaces import Filter, FilterWheel
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 __all__ = ["ManualFilter"]
+
+_ADVICE: Final = "run it in a terminal with somebody at it, or use a wheel with a motor"
 
 
 class ManualFilter(FilterWheel):
@@ -27,7 +29,8 @@ class ManualFilter(FilterWheel):
     filters
         Nominal optical density of each filter, by name.
     ask
-        Shows a request to the operator, and returns when it was confirmed; None to ask in the terminal.
+        Shows a request to the operator, and returns when it was confirmed; an `EOFError` says that it never will be.
+        None to ask in the terminal.
     name
         What the operator calls it.
 
@@ -85,7 +88,11 @@ class ManualFilter(FilterWheel):
 
     def _put_in(self, wanted: Filter) -> None:
         self._selected = None  # until it is confirmed, nobody knows
-        self._ask(f"{self.name}: put filter {wanted.name} (OD {wanted.nd_od:g}) into the light path")
+        asked = f"put filter {wanted.name} (OD {wanted.nd_od:g}) into the light path"
+        try:
+            self._ask(f"{self.name}: {asked}")
+        except EOFError:
+            raise WrongState(self.name, asked, "the terminal was closed before it was confirmed", _ADVICE) from None
         self._selected = wanted
 
     def _ask_in_terminal(self, request: str) -> None:
@@ -96,11 +103,7 @@ class ManualFilter(FilterWheel):
         WrongState
             There is nobody to ask.
         """
-        asked = request.removeprefix(f"{self.name}: ")
-        advice = "run it in a terminal with somebody at it, or use a wheel with a motor"
         if sys.stdin is None or not sys.stdin.isatty():
-            raise WrongState(self.name, asked, "nobody can be asked: the input is no terminal", advice)
-        try:
-            input(f"{request}, then press Enter: ")
-        except EOFError:
-            raise WrongState(self.name, asked, "the terminal was closed before it was confirmed", advice) from None
+            asked = request.removeprefix(f"{self.name}: ")
+            raise WrongState(self.name, asked, "nobody can be asked: the input is no terminal", _ADVICE)
+        input(f"{request}, then press Enter: ")

@@ -98,6 +98,7 @@ class SpectralLed(LightSource):
     """
 
     timing = "host"
+    level_is_measured = True  # by the photodiode of the unit
 
     def __init__(
         self,

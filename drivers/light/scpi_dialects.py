@@ -14,6 +14,8 @@ What the output does between bursts is said differently by each maker:
   were seen to hold the level of the start phase, so it is told the same as Keysight; look at it with an oscilloscope
   before relying on it. It has no answer that comes at the end of a burst.
 
+Samples of other waveforms are the matter of :mod:`drivers.light.scpi_uploads`.
+
 Sources: Rigol DG800 and DG1000Z programming guides, chapter 2; Agilent 33220A user's guide, chapter 4 (burst mode
 commands), and the BURSt subsystem in the help of the Keysight 33500 series; Siglent SDG programming guide PG02,
 sections 3.3 (OUTP), 3.4 (BSWV), 3.7 (BTWV) and SYNC.
@@ -47,6 +49,7 @@ class Setting:
     unit: str = ""  #: of the number
     tolerance: float = 0.0  #: by how much the number may be rounded
     field: str = ""  #: which of the fields of an answer that has several
+    optional: bool = False  #: left alone where the instrument does not know it
 
 
 class Dialect(ABC):
@@ -280,7 +283,7 @@ class Siglent(Dialect):
         names = words[1::2] if head.upper().endswith(":OUTP") else words[0::2]
         values = words[2::2] if head.upper().endswith(":OUTP") else words[1::2]
         found = next((value for name, value in zip(names, values, strict=False) if name == setting.field), None)
-        return None if found is None else re.sub(r"(?<=[0-9.])(HZ|V|S)$", "", found)
+        return None if found is None else re.sub(r"(?<=[0-9.])(HZ|V|S|SA/S)$", "", found)
 
     def _set(
         self, what: str, node: str, field: str, value: float | str, unit: str = "", tolerance: float = 0.0

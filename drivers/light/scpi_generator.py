@@ -1,4 +1,4 @@
-"""A function generator that speaks SCPI, with an LED behind it: it times square waves by itself."""
+"""A function generator that speaks SCPI, with an LED behind it: it times square waves and samples by itself."""
 
 from __future__ import annotations
 
@@ -11,13 +11,18 @@ import numpy as np
 from drivers.errors import ConnectionFailed, DataLost, DeviceError, UnexpectedAnswer, Unsupported
 from drivers.interfaces import LightSource, Limits, PlayedWaveform
 from drivers.light.scpi_dialects import DIALECTS
+from drivers.light.scpi_plan import LEAD, Planner, lead_s_of, phase_deg_of
+from drivers.light.scpi_samples import codes_of
+from drivers.light.scpi_settings import Settings
 from drivers.light.scpi_talk import ScpiTalk, number_of, port_at
-from drivers.light.waveform_shapes import Constant, NoShape, SquareWave, shape_of
+from drivers.light.scpi_uploads import upload_for
+from drivers.light.waveform_shapes import Constant, NoShape, SquareWave
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
     from drivers.interfaces import Clock, Waveform
     from drivers.light.scpi_dialects import Dialect, Load, Setting
+    from drivers.light.scpi_samples import Samples
     from drivers.transport.trace import Trace
 
 __all__ = ["ScpiGenerator"]
@@ -26,24 +31,35 @@ _log = logging.getLogger("evs_bench.devices")
 
 _UNITS: Final = {"V": 1.0, "mV": 1e-3}
 _STEP_V: Final = 1e-3  #: all generators here can be set so finely
-_SMALLEST_SWING_V: Final = 4e-3  #: 2 mV peak to peak into 50 ohm, the smallest amplitude of the coarsest of them
 _PARKED_V: Final = 10e-3  #: by how much the upper level is at least above the lower one while nothing plays
-_LEAD: Final = 1.0 / 360.0  #: part of a period before the first rise at which a burst starts that has to start low
 _DARK_TRIES: Final = 3
+_LATE_S: Final = 1e-6  #: by so little a trigger is not late
+#: What the output does between bursts hangs on these: they are told first when it is lit.
+_BETWEEN: Final = ("level between bursts", "start phase")
 
 
 class ScpiGenerator(LightSource):
-    """An LED driven by the voltage of a function generator, which times square waves on its own clock.
+    """An LED driven by the voltage of a function generator, which times waveforms on its own clock.
 
     The level is the voltage at the load; the LED driver must take it for brightness, and 0 V for dark. The
     generator waits, armed, for the trigger of a burst, and the light is at the lower level of its square wave: see
     :mod:`drivers.light.scpi_dialects` for why, and for what the makers' dialects can and cannot do. Dark is the
     output switched off.
 
-    It plays one level, and square waves that begin with the lower level. The trigger is given by the host, so the
-    low level at the beginning may last a few milliseconds longer than asked for; from the first rise to the last
-    fall the generator is the clock. Its sync output is switched on: its edges are those of the square wave. A
-    waveform that ends with the upper level falls for some milliseconds after its end, before the level stays there.
+    It plays one level, square waves that begin with the lower level, and, as samples, any waveform that ends at the
+    level of its beginning and has its edges on a raster: see :mod:`drivers.light.scpi_uploads` for how many. A level
+    between the lowest and the highest one is then the nearest that the converter has; a step that differs by more
+    than 1 % from the one asked for is refused.
+
+    The trigger is given by the host, so the level at the beginning may last longer than asked for, by some
+    milliseconds for a square wave and by the time of the upload for samples; what is returned has it. From the first
+    edge to the last one the generator is the clock. While samples are made ready the light may be up to 10 mV beside
+    the first level, and elsewhere between the lowest and the highest one for a moment if the first is neither.
+
+    Its sync output is switched on. By the manuals it rises when a burst begins and falls when it is over, whatever
+    the waveform: one trigger a recording, and none at the edges. The burst begins before the first edge, by up to a
+    360th of a period for a square wave; for samples see `lead_s` in :class:`~drivers.light.scpi_samples.Samples`.
+    A square wave that ends with the upper level falls for a while after its end, before the level stays there.
 
     Parameters
     ----------
@@ -112,7 +128,12 @@ class ScpiGenerator(LightSource):
         self._dialect: Dialect = DIALECTS[dialect](channel)
         self._load: Load = load
         self._talk = ScpiTalk(port_at(address, timeout_s), name, timeout_s)
+        self._settings = Settings(self._talk, self._dialect, name)
+        self._upload = upload_for(self._dialect)
+        self._planner = Planner(self._dialect, self._upload.memory, self._volts_per_unit)
+        self._rest: float | None = None  #: of samples, between the lower and the upper level; None: a square wave
         self._identity: dict[str, str] = {}
+        self._burst_s = (0.0, 0.0)  #: on the clock: begin and end of the last burst
         self._burst_over_s = -math.inf  #: on the clock: the generator is not sooner ready for a trigger
 
     def trace_to(self, trace: Trace | None) -> None:
@@ -127,27 +148,12 @@ class ScpiGenerator(LightSource):
     def level(self) -> float:
         """Return the level between bursts as read back: 0 if the output is off."""
         self.require_connected("read the level")
-        return self._low_v() / self._volts_per_unit if self._is_on() else 0.0
+        return self._rest_v() / self._volts_per_unit if self._is_on() else 0.0
 
     def why_not(self, waveform: Waveform) -> str:
         """Return why the generator cannot time `waveform`; empty if it can."""
-        shape = shape_of(waveform)
-        if isinstance(shape, NoShape):
-            return f"{shape.reason}; it can time a constant level, or a square wave between two"
-        return "" if isinstance(shape, Constant) else self._why_not_square(shape)
-
-    def _why_not_square(self, square: SquareWave) -> str:
-        dialect, (lowest, highest) = self._dialect, self._dialect.duty
-        swing_v = (square.high - square.low) * self._volts_per_unit
-        if not lowest - 1e-9 <= square.duty <= highest + 1e-9:
-            return f"its duty is {square.duty:.4g}; it can time {lowest:g} to {highest:g}"
-        if square.cycles > dialect.most_cycles:
-            return f"it has {square.cycles} cycles; it can time {dialect.most_cycles}"
-        if square.period_s * dialect.highest_hz < 1.0:
-            return f"its period is {square.period_s:.4g} s; it can time {1.0 / dialect.highest_hz:g} s and more"
-        if swing_v < _SMALLEST_SWING_V - 1e-9:
-            return f"its levels are {swing_v:.4g} V apart; it can time {_SMALLEST_SWING_V:g} V and more"
-        return ""
+        plan = self._planner.plan(waveform)
+        return plan.reason if isinstance(plan, NoShape) else ""
 
     def _connect(self) -> None:
         maker, model, serial, firmware = self._talk.open()
@@ -169,14 +175,22 @@ class ScpiGenerator(LightSource):
 
     def _prepare(self) -> None:
         """Let it wait for a burst, in the dark."""
-        self._burst_over_s = -math.inf
+        self._burst_over_s, self._rest = -math.inf, None
         self._put(self._dialect.output(False))
         self._put(self._dialect.load(self._load))
-        for setting in self._dialect.preparation():
-            self._put(setting)
-        for setting in self._dialect.square(10.0, 0.5, 1, self._phase_deg(0.1, 0.1 * _LEAD)):
+        for setting in (*self._dialect.preparation(), *self._idle_square()):
             self._put(setting)
         self._go_to(0.0)
+
+    def _idle_square(self) -> tuple[Setting, ...]:
+        return self._dialect.square(10.0, 0.5, 1, phase_deg_of(0.1, 0.1 * LEAD, self._dialect))
+
+    def _back_to_square(self) -> None:
+        """Let it wait for a square wave again after samples: from their first level to their lowest one."""
+        settings = (*self._dialect.preparation(), *self._idle_square())
+        for setting in sorted(settings, key=lambda s: s.what not in _BETWEEN):
+            self._settings.see_to(setting)
+        self._rest = None
 
     def _safe_state(self) -> None:
         for left in reversed(range(_DARK_TRIES)):
@@ -196,51 +210,103 @@ class ScpiGenerator(LightSource):
             self._rest_at(level * self._volts_per_unit)
 
     def _play(self, waveform: Waveform) -> PlayedWaveform:
-        shape = shape_of(waveform)
+        plan, begin_s = self._planner.plan(waveform), self._clock.now()
+        if isinstance(plan, NoShape):
+            raise Unsupported(self.name, "play a waveform", plan.reason)
         t_s = waveform.t_s.copy()
-        if isinstance(shape, NoShape):
-            raise Unsupported(self.name, "play a waveform", shape.reason)
-        if isinstance(shape, Constant):
-            self._set_level(shape.level)
-            self._clock.sleep(shape.duration_s)
-            if shape.level != 0.0:
-                self._require_still_on()
-        else:
-            duty = self._play_square(shape)
+        if isinstance(plan, Constant):
+            self._play_constant(plan)
+        elif isinstance(plan, SquareWave):
+            duty, late_s = self._play_square(plan, begin_s)
             falls = np.concatenate([[False], np.diff(waveform.level) < 0.0])
-            t_s[falls] += (duty - shape.duty) * shape.period_s
-        return PlayedWaveform(t_s)
+            t_s[falls] += (duty - plan.duty) * plan.period_s
+            t_s[1:] += late_s
+        else:
+            late_s = self._play_samples(plan, begin_s)
+            t_s[np.concatenate([[True], np.diff(waveform.level) != 0.0])] = plan.t_s
+            t_s[1:] += late_s
+        burst_s = None if isinstance(plan, Constant) else np.array(self._burst_s) - begin_s
+        return PlayedWaveform(t_s, trigger_t_s=burst_s)
 
-    def _play_square(self, square: SquareWave) -> float:
-        """Play a square wave, and return the duty that it had."""
-        lead_s = self._lead_s(square)
+    def _play_constant(self, constant: Constant) -> None:
+        self._set_level(constant.level)
+        self._clock.sleep(constant.duration_s)
+        if constant.level != 0.0:
+            self._require_still_on()
+
+    def _play_square(self, square: SquareWave, begin_s: float) -> tuple[float, float]:
+        """Play a square wave; return the duty that it had, and how late its first edge came, s."""
+        lead_s = lead_s_of(square, self._dialect)
         self._rest_at(square.low * self._volts_per_unit)
         course = self._dialect.square(
-            1.0 / square.period_s, square.duty, square.cycles, self._phase_deg(square.period_s, lead_s)
+            1.0 / square.period_s, square.duty, square.cycles, phase_deg_of(square.period_s, lead_s, self._dialect)
         )
         duty = [self._put(setting) for setting in course][1] / 100.0
         duty = square.duty if abs(duty - square.duty) < 1e-6 else duty
         self._put(self._dialect.high(square.high * self._volts_per_unit))
-        self._wait_until(self._burst_over_s)
-        self._clock.sleep(square.first_edge_s - lead_s)
-        self._trigger(lead_s + square.last_fall_s - square.first_edge_s)
-        rest_s = (1.0 - square.duty) * square.period_s - lead_s  # of the burst, after its last pulse
-        self._burst_over_s = self._clock.now() + rest_s
-        after_s = max(square.duration_s - square.last_fall_s, 0.0)
-        self._clock.sleep(after_s)
-        self._require_still_on()
+        over_s, late_s = self._burst(begin_s, square.first_edge_s - lead_s, square.cycles * square.period_s)
+        end_s = over_s - square.cycles * square.period_s + lead_s + square.duration_s - square.first_edge_s
         if square.ends_high:
+            self._wait_until(end_s)
+            self._require_still_on()
             self._go_to(square.high * self._volts_per_unit)
-        elif self._dialect.tells_end and after_s >= rest_s:
-            self._require_end()
-        return duty
+        else:
+            self._finish(end_s, over_s)
+        return duty, late_s
 
-    def _trigger(self, lasts_s: float) -> None:
-        """Start the burst, and return when its last pulse is over, `lasts_s` later."""
-        begin_s = self._clock.now()
+    def _play_samples(self, samples: Samples, begin_s: float) -> float:
+        """Play samples, and return how late their first edge came, s."""
+        base_v = float(samples.level[0]) * self._volts_per_unit
+        self._rest_at(base_v)
+        self._put(self._dialect.high(base_v + _PARKED_V))
+        self._send(samples)
+        self._rest = samples.rest
+        for setting in self._upload.playing(samples):
+            self._settings.see_to(setting)
+        self._put(self._dialect.low(samples.lowest * self._volts_per_unit))
+        self._put(self._dialect.high(samples.highest * self._volts_per_unit))
+        first_s = float(samples.t_s[1])
+        over_s, late_s = self._burst(begin_s, first_s - samples.lead_s, samples.cycles * samples.period_s)
+        begun_s = over_s - samples.cycles * samples.period_s
+        self._finish(begun_s + samples.lead_s + samples.duration_s - first_s, over_s)
+        return late_s
+
+    def _send(self, samples: Samples) -> None:
+        """Send samples, and see that all of them have come."""
+        code = codes_of(samples, self._upload.memory)
+        if isinstance(code, NoShape):
+            raise Unsupported(self.name, "play a waveform", code.reason)
+        for setting in self._upload.before():
+            self._settings.see_to(setting)
+        for what, data in self._upload.blocks(code):
+            self._talk.tell(what, data)
+        stored = self._upload.stored(len(code))
+        if not self._upload.reads_back:
+            self._put(stored)
+            return
+        sent = self._upload.blocks(code)[-1][1][-2 * len(code) :]
+        if self._talk.ask_block(stored.question, b"WAVEDATA,", len(sent)) != sent:
+            raise UnexpectedAnswer(
+                self.name, f"{stored.question} of {len(code)} samples", "others than were sent", "try again"
+            )
+
+    def _burst(self, begin_s: float, wait_s: float, lasts_s: float) -> tuple[float, float]:
+        """Start the burst `wait_s` from now; return when it is over, and how late it came for `begin_s`, s."""
+        self._wait_until(self._burst_over_s)
+        self._clock.sleep(wait_s)
+        begun_s = self._clock.now()
+        late_s = begun_s - begin_s - wait_s
         self._talk.tell(self._dialect.trigger)
-        if self._clock.now() - begin_s < 0.999 * lasts_s:  # it answered at once: the burst has only begun
-            self._clock.sleep(lasts_s)
+        self._burst_over_s = begun_s + lasts_s
+        self._burst_s = begun_s, self._burst_over_s
+        return self._burst_over_s, late_s if late_s > _LATE_S else 0.0
+
+    def _finish(self, end_s: float, over_s: float) -> None:
+        """Wait for the end of a waveform, and see that it came to it."""
+        self._wait_until(end_s)
+        self._require_still_on()
+        if self._dialect.tells_end and end_s >= over_s:
+            self._require_end()
 
     def _require_still_on(self) -> None:
         """Raise if the output went off meanwhile: a generator that restarts, and loses the trigger, says nothing."""
@@ -258,24 +324,14 @@ class ScpiGenerator(LightSource):
         if answer not in ("1", "+1"):
             raise UnexpectedAnswer(self.name, "wait for the end of a burst (*OPC?)", repr(answer), "try again")
 
-    def _lead_s(self, square: SquareWave) -> float:
-        """Return for how long the burst is at its lower level before the first rise."""
-        if not self._dialect.starts_low:
-            return 0.0
-        low_s = (1.0 - square.duty) * square.period_s
-        lead_s = min(_LEAD * square.period_s, 0.5 * low_s, 0.5 * square.first_edge_s)
-        grid_s = 1e-6 if lead_s > 10e-6 else 1e-9
-        return math.floor(lead_s / grid_s) * grid_s
-
-    def _phase_deg(self, period_s: float, lead_s: float) -> float:
-        return 360.0 * (1.0 - lead_s / period_s) if lead_s > 0.0 and self._dialect.starts_low else 0.0
-
     def _rest_at(self, volts: float) -> None:
         """Be lit at `volts`, armed; one that was switched off meanwhile has forgotten all, and is told again."""
         load = self._dialect.load(self._load)
-        if self._differs(load, self._ask(load)):
+        if self._settings.differs(load, self._settings.ask(load)):
             _log.warning("%s: it has another load than it was told; setting it up again", self.name)
             self._prepare()
+        elif self._rest is not None:
+            self._back_to_square()
         self._go_to(volts)
         if not self._is_on():
             self._put(self._dialect.output(True))
@@ -294,43 +350,26 @@ class ScpiGenerator(LightSource):
 
     def _is_on(self) -> bool:
         on, off = self._dialect.output(True), self._dialect.output(False)
-        answer = self._ask(on)
-        if self._differs(on, answer) and self._differs(off, answer):
-            raise self._unexpected(on, answer)
-        return not self._differs(on, answer)
+        answer = self._settings.ask(on)
+        if self._settings.differs(on, answer) and self._settings.differs(off, answer):
+            raise self._settings.unexpected(on, answer)
+        return not self._settings.differs(on, answer)
 
     def _low_v(self) -> float:
-        setting = self._dialect.low(0.0)
-        return number_of(self.name, setting.question, self._ask(setting))
+        return self._number(self._dialect.low(0.0))
+
+    def _rest_v(self) -> float:
+        """Return the voltage between bursts."""
+        low_v = self._low_v()
+        if not self._rest:
+            return low_v
+        return low_v + self._rest * (self._number(self._dialect.high(0.0)) - low_v)
+
+    def _number(self, setting: Setting) -> float:
+        return number_of(self.name, setting.question, self._settings.ask(setting))
 
     def _put(self, setting: Setting) -> float:
-        """Set something, read it back, and return it as it is; a word is 0."""
-        self._talk.tell(setting.command)
-        answer = self._ask(setting)
-        if self._differs(setting, answer):
-            raise self._unexpected(setting, answer)
-        return number_of(self.name, setting.question, answer) if isinstance(setting.expected, float) else 0.0
-
-    def _ask(self, setting: Setting) -> str:
-        answer = self._talk.ask(setting.question)
-        value = self._dialect.value(setting, answer)
-        if value is None:
-            raise UnexpectedAnswer(self.name, setting.question, repr(answer), "is the dialect right? try again")
-        return value
-
-    def _differs(self, setting: Setting, answer: str) -> bool:
-        if isinstance(setting.expected, tuple):
-            return answer.upper() not in setting.expected
-        try:
-            return not abs(float(answer) - setting.expected) <= setting.tolerance
-        except ValueError:
-            return True
-
-    def _unexpected(self, setting: Setting, answer: str) -> UnexpectedAnswer:
-        asked = f"set {setting.what} ({setting.command})"
-        return UnexpectedAnswer(
-            self.name, asked, f"it is {answer!r} {setting.unit}".rstrip(), "can the generator do this? try again"
-        )
+        return self._settings.put(setting)
 
 
 def _require(fulfilled: bool, message: str) -> None:

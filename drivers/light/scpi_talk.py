@@ -81,8 +81,42 @@ class ScpiTalk:
             self._link.write(question.encode() + b"\n", question)
             return self._line(question)
 
-    def tell(self, command: str) -> None:
+    def ask_block(self, question: str, head: bytes, most: int) -> bytes:
+        """Return the bytes of an answer that come after `head`; there may be line ends among them.
+
+        Parameters
+        ----------
+        question
+            What is asked.
+        head
+            What stands before the bytes; ``LENGTH, <n>B`` before it says how many follow.
+        most
+            So many bytes are expected at the most.
+
+        Raises
+        ------
+        UnexpectedAnswer
+            It is not said how many bytes follow, or there are more.
+        """
+        with self._exchange(question):
+            self._link.write(question.encode() + b"\n", question)
+            before = self._link.read_until(head, question)
+            length = re.search(rb"LENGTH, ?(\d{1,9})B", before)
+            if length is None or int(length[1]) > most:
+                raise UnexpectedAnswer(self._device, question, repr(before[-200:]), f"{most} bytes were expected")
+            data = self._link.read_exactly(int(length[1]), question)
+            self._line(question)
+            return data
+
+    def tell(self, command: str, data: bytes | None = None) -> None:
         """Give a command.
+
+        Parameters
+        ----------
+        command
+            The command; what to call it in messages, where it has `data`.
+        data
+            What is sent in place of its text.
 
         Raises
         ------
@@ -90,7 +124,7 @@ class ScpiTalk:
             The instrument has an error to tell.
         """
         with self._exchange(command):
-            self._link.write(command.encode() + b"\n", command)
+            self._link.write((command.encode() if data is None else data) + b"\n", command)
             self._link.write(b"SYST:ERR?\n", command)
             answer = self._line(command)
             error = _ERROR.fullmatch(answer)

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
     from drivers.interfaces import Waveform
 
-__all__ = ["Constant", "NoShape", "SquareWave", "shape_of"]
+__all__ = ["SAME_TIME_S", "Constant", "NoShape", "SquareWave", "edges_of", "shape_of"]
 
 #: Two times are the same if they are nearer than this, s: half of what an event camera can tell apart.
-_SAME_TIME_S: Final = 0.5e-6
+SAME_TIME_S: Final = 0.5e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class SquareWave:
 
 @dataclass(frozen=True, slots=True)
 class NoShape:
-    """Neither of the two, and why."""
+    """None of those that were looked for, and why."""
 
     reason: str
 
@@ -63,9 +63,7 @@ def shape_of(waveform: Waveform) -> Constant | SquareWave | NoShape:
     ValueError
         It is no waveform: its times do not ascend from 0, or it ends before its last edge.
     """
-    _require_times(waveform)
-    edge = np.concatenate([[True], np.diff(waveform.level) != 0.0])
-    t_s, level = waveform.t_s[edge], waveform.level[edge]
+    t_s, level = edges_of(waveform)
     if len(level) == 1:
         return Constant(float(level[0]), waveform.duration_s)
     levels = np.unique(level)
@@ -74,6 +72,19 @@ def shape_of(waveform: Waveform) -> Constant | SquareWave | NoShape:
     if level[0] == levels[1]:
         return NoShape("it begins with the higher of its two levels; a square wave begins with the lower one")
     return _square_of(t_s, levels, waveform.duration_s)
+
+
+def edges_of(waveform: Waveform) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return times and levels of `waveform` where the level changes, the beginning first.
+
+    Raises
+    ------
+    ValueError
+        It is no waveform: its times do not ascend from 0, or it ends before its last edge.
+    """
+    _require_times(waveform)
+    edge = np.concatenate([[True], np.diff(waveform.level) != 0.0])
+    return waveform.t_s[edge], waveform.level[edge]
 
 
 def _require_times(waveform: Waveform) -> None:
@@ -93,14 +104,14 @@ def _square_of(
     ends_high = len(fall) < len(rise)
     fall = np.append(fall, duration_s) if ends_high else fall
     width_s, cycles = float(np.mean(fall - rise)), len(rise)
-    if np.any(np.abs(fall - rise - width_s) > _SAME_TIME_S) or width_s <= _SAME_TIME_S:
+    if np.any(np.abs(fall - rise - width_s) > SAME_TIME_S) or width_s <= SAME_TIME_S:
         return NoShape("its pulses are not of one length")
     if cycles == 1:
         low_s = duration_s - float(fall[0])
-        period_s = width_s + (low_s if _SAME_TIME_S < low_s < width_s else width_s)
+        period_s = width_s + (low_s if SAME_TIME_S < low_s < width_s else width_s)
     else:
         period_s = float(rise[-1] - rise[0]) / (cycles - 1)
-    if np.any(np.abs(rise - rise[0] - period_s * np.arange(cycles)) > _SAME_TIME_S):
+    if np.any(np.abs(rise - rise[0] - period_s * np.arange(cycles)) > SAME_TIME_S):
         return NoShape("its pulses are not evenly spaced")
     first_edge_s = float(rise[0])
     return SquareWave(

@@ -179,7 +179,7 @@ class Link:
     def _late(self, asked: str, seconds: float) -> DeviceTimeout:
         came = f"only {shown(bytes(self._rest))}" if self._rest else "nothing"
         return DeviceTimeout(
-            self._device, asked, f"{came} within {seconds:g} s", "is it switched on, and is the cable in?"
+            self._device, asked, f"{came} within {seconds:.3g} s", "is it switched on, and is the cable in?"
         )
 
     def _note(self, what: str, data: bytes) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import select
 import socket
 import threading
+import weakref
 from typing import TYPE_CHECKING, Final
 
 from sim_backend.wire.wire import Wire
@@ -14,9 +15,29 @@ if TYPE_CHECKING:
     from sim_backend.wire.faults import Faults
     from sim_backend.wire.wire import Firmware
 
-__all__ = ["ScpiWire"]
+__all__ = ["ReservedPort", "ScpiWire"]
 
 _CHUNK: Final = 65536
+_HERE: Final = "127.0.0.1"
+
+
+class ReservedPort:
+    """A port of this computer that is kept for an instrument which is not switched on yet; calls are refused."""
+
+    def __init__(self) -> None:
+        self._socket = _bound(0)
+        self._number = int(self._socket.getsockname()[1])
+        self._let_go = weakref.finalize(self, self._socket.close)
+
+    @property
+    def address(self) -> str:
+        """Where the driver finds the instrument."""
+        return f"tcp://{_HERE}:{self._number}"
+
+    def use(self) -> int:
+        """Return the number of the port, which the instrument now takes."""
+        self._let_go()
+        return self._number
 
 
 class ScpiWire(Wire):
@@ -32,11 +53,13 @@ class ScpiWire(Wire):
         What goes wrong, request by request. A request is a line, whether it has an answer or not.
     seed
         Of random bytes.
+    port
+        Number of the port; 0: any that is free.
     """
 
-    def __init__(self, firmware: Firmware, faults: Faults | None = None, seed: int = 0) -> None:
+    def __init__(self, firmware: Firmware, faults: Faults | None = None, seed: int = 0, port: int = 0) -> None:
         super().__init__(firmware, faults, seed)
-        self._port = 0
+        self._port = port
         self._listener: socket.socket | None = None
         self._caller: socket.socket | None = None
         self._closed = threading.Event()
@@ -48,7 +71,7 @@ class ScpiWire(Wire):
     @property
     def address(self) -> str:
         """Where the driver finds the instrument."""
-        return f"tcp://127.0.0.1:{self._port}"
+        return f"tcp://{_HERE}:{self._port}"
 
     def close(self) -> None:
         """Switch the instrument off; harmless if it is."""
@@ -62,9 +85,7 @@ class ScpiWire(Wire):
             self._waker.close()
 
     def _plug_in(self) -> None:
-        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind(("127.0.0.1", self._port))
+        listener = _bound(self._port)
         listener.listen(1)
         self._port = int(listener.getsockname()[1])
         self._listener = listener
@@ -121,3 +142,10 @@ class ScpiWire(Wire):
                 self._caller.sendall(data)
             except OSError:
                 self._hang_up()  # nobody listens
+
+
+def _bound(port: int) -> socket.socket:
+    bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    bound.bind((_HERE, port))
+    return bound

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal
 
+import numpy as np
+
 from sim_backend.clock import to_ns
+from sim_backend.wire.scpi_samples import Refused, block_of, requests_of
 from sim_backend.wire.wire import Firmware
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    import numpy.typing as npt
 
     from sim_backend.world import OpticalBench
 
@@ -19,11 +24,12 @@ __all__ = ["OPEN_OHM", "UNKNOWN", "EmulatedGenerator", "GeneratorSettings", "num
 
 OPEN_OHM: Final = 9.9e37
 _RESOLUTION_V: Final = 1e-4
-_LONGEST_LINE: Final = 4096  # bytes
 UNKNOWN: Final = (-113, "Undefined header")
 _WRONG: Final = (-224, "Illegal parameter value")
 _BEYOND: Final = (-222, "Data out of range")
 _CONFLICT: Final = (-221, "Settings conflict")
+_BAD_BLOCK: Final = (-161, "Invalid block data")
+_SAMPLED: Final = ("USER", "ARB")
 
 
 @dataclass
@@ -44,14 +50,22 @@ class GeneratorSettings:
     sync: bool = False
     output: bool = False
     load_ohm: float = 50.0
+    memory: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)  #: samples by name, 0 to 1
+    samples: str = ""  #: name of those that it plays
+    sample_rate_hz: float = 1e6
+    sample_mode: str = "FREQ"  #: how fast it plays samples: by the frequency of the cycle, or "RATE"
+    between_samples: str = "LINE"
+    sample_filter: str = "NORM"
+    byte_order: str = "NORM"
 
 
 class EmulatedGenerator(Firmware):
     """One channel of a generator whose voltage drives an LED in a world: 1 V is level 1, and 0 V and less is dark.
 
-    It knows square waves in bursts, and the lower level that it holds between them; a burst takes place in the
-    moment of its trigger, in which the time of the world passes to the end of its last pulse. Anything else that
-    lights the LED (a sine, a wave without burst) is emulated as its upper level.
+    It knows square waves and samples in bursts, and the level that it holds between them; a burst takes place in the
+    moment of its trigger, in which the time of the world passes to its last edge. Its sync output rises when a burst
+    begins and falls when it is over, as the manuals have it. Anything else that lights the LED (a sine, a wave
+    without burst) is emulated as its upper level.
 
     Parameters
     ----------
@@ -78,12 +92,19 @@ class EmulatedGenerator(Firmware):
 
     def requests_in(self, buffer: bytearray) -> list[bytes]:
         """Take the whole lines off the front of `buffer`, and return them; what is not whole stays."""
-        *lines, rest = bytes(buffer).split(b"\n")
-        buffer[:] = rest[-_LONGEST_LINE:]
-        return lines
+        return requests_of(buffer)
 
     def obey(self, request: bytes, send: Callable[[bytes], None]) -> None:
         """Do what a line asks, and send the answer to a question."""
+        try:
+            block = block_of(request)
+            if block is not None:
+                self._take_in(*block)
+                self._show()
+                return
+        except Refused:
+            self._error(_BAD_BLOCK)
+            return
         line = request.decode("ascii", "replace").strip()
         if not line:
             return
@@ -107,6 +128,10 @@ class EmulatedGenerator(Firmware):
     @abstractmethod
     def _own(self, line: str) -> str:
         """Obey a line in the maker's own dialect; a `ValueError` is an illegal parameter."""
+
+    @abstractmethod
+    def _take_in(self, head: str, data: bytes) -> None:
+        """Take samples into the memory; raise :class:`~sim_backend.wire.scpi_samples.Refused` if that cannot be."""
 
     def _common(self, line: str) -> str | None:
         """Obey what all of them know; None if it is not among that."""
@@ -135,12 +160,28 @@ class EmulatedGenerator(Firmware):
     def _rest_v(self) -> float:
         """Return the voltage that the output has while nothing is played."""
         settings = self.settings
-        armed = settings.burst and settings.burst_trigger in ("MAN", "BUS") and settings.function == "SQU"
-        if not armed:
+        if not self._is_armed():
             return settings.high_v
-        first_v = settings.high_v if settings.phase_deg % 360.0 < 360.0 * settings.duty else settings.low_v
+        if settings.function == "SQU":
+            first_v = settings.high_v if settings.phase_deg % 360.0 < 360.0 * settings.duty else settings.low_v
+        else:
+            first_v = self._volts(float(self._cycle()[0]))
         middle_v = (settings.high_v + settings.low_v) / 2.0
         return {"FPT": first_v, "TOP": settings.high_v, "CENTER": middle_v, "BOTTOM": settings.low_v}[settings.idle]
+
+    def _is_armed(self) -> bool:
+        settings = self.settings
+        plays = settings.function == "SQU" or (settings.function in _SAMPLED and settings.samples in settings.memory)
+        return settings.burst and settings.burst_trigger in ("MAN", "BUS") and plays
+
+    def _cycle(self) -> npt.NDArray[np.float64]:
+        """Return the samples of a cycle, from the one at which a burst starts."""
+        samples = self.settings.memory[self.settings.samples]
+        return np.roll(samples, -int(self.settings.phase_deg / 360.0 % 1.0 * len(samples)))
+
+    def _volts(self, share: float) -> float:
+        settings = self.settings
+        return settings.low_v + share * (settings.high_v - settings.low_v)
 
     def _show(self) -> None:
         self._world.set_level(self._level(self._rest_v()) if self.settings.output else 0.0)
@@ -181,33 +222,62 @@ class EmulatedGenerator(Firmware):
         else:
             self.settings.frequency_hz = frequency_hz
 
+    def _set_rate(self, rate_hz: float) -> None:
+        if not 1e-6 <= rate_hz <= 250e6:
+            self._error(_BEYOND)
+        else:
+            self.settings.sample_rate_hz = rate_hz
+
     def _trigger(self) -> None:
-        """Play a burst: its edges, and those of the sync output, come at their times."""
+        """Play a burst: its edges come at their times, and the sync output is high meanwhile."""
         settings, clock = self.settings, self._world.clock
-        if not (settings.burst and settings.function == "SQU" and settings.burst_trigger in ("MAN", "BUS")):
+        if not self._is_armed():
             self._error((-211, "Trigger ignored"))
             return
         begin_ns = clock.now_ns
-        for at_s, high in self._edges():
+        self._sync(rising=True)
+        square = settings.function == "SQU"
+        for at_s, share in self._edges() if square else self._steps():
             clock.advance_to(begin_ns + to_ns(at_s))
             if settings.output:
-                self._world.set_level(self._level(settings.high_v if high else settings.low_v))
-            if settings.sync:
-                self._world.emit_trigger(rising=high)
+                self._world.set_level(self._level(self._volts(share)))
+        lasts_s = settings.cycles * (1.0 / settings.frequency_hz if square else self._cycle_s())
+        self._sync(rising=False, at_ns=begin_ns + to_ns(lasts_s))
 
-    def _edges(self) -> list[tuple[float, bool]]:
-        """Return the edges of a burst: when, and whether they rise."""
+    def _sync(self, *, rising: bool, at_ns: int | None = None) -> None:
+        """Send an edge to the camera's trigger input, now or when its time will have come."""
+        if self.settings.sync:
+            self._world.emit_trigger(rising=rising, at_ns=at_ns)
+
+    def _cycle_s(self) -> float:
+        """Return how long a cycle of samples takes, s."""
+        settings = self.settings
+        by_frequency = settings.sample_mode == "FREQ"
+        return 1.0 / settings.frequency_hz if by_frequency else len(self._cycle()) / settings.sample_rate_hz
+
+    def _steps(self) -> list[tuple[float, float]]:
+        """Return the steps of a burst of samples: when, and where to."""
+        cycle, cycle_s = self._cycle(), self._cycle_s()
+        at = np.flatnonzero(np.diff(cycle, append=cycle[0])) + 1
+        return [
+            ((number + index / len(cycle)) * cycle_s, float(cycle[index % len(cycle)]))
+            for number in range(self.settings.cycles)
+            for index in at.tolist()
+        ]
+
+    def _edges(self) -> list[tuple[float, float]]:
+        """Return the edges of a burst of a square wave: when, and where to."""
         settings = self.settings
         period_s, first = 1.0 / settings.frequency_hz, settings.phase_deg / 360.0 % 1.0
         at_high = first < settings.duty
-        edges = [(0.0, True)] if at_high and self._rest_v() < settings.high_v else []
+        edges = [(0.0, 1.0)] if at_high and self._rest_v() < settings.high_v else []
         for cycle in range(settings.cycles):
             fall = (cycle + settings.duty - first) * period_s
             rise = (cycle + 1.0 - first) * period_s
             if at_high:
-                edges += [(fall, False), (rise, True)]
+                edges += [(fall, 0.0), (rise, 1.0)]
             else:
-                edges += [(rise, True), (fall + period_s, False)]
+                edges += [(rise, 1.0), (fall + period_s, 0.0)]
         # A burst from the upper level ends where it began, before the last rise unless it began later than that.
         return edges[:-1] if at_high and first == 0.0 else edges
 

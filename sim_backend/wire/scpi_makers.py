@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
 
 from protocols.errors import InputError
 from sim_backend.wire.scpi_generator import OPEN_OHM, UNKNOWN, EmulatedGenerator, number_in, switched
+from sim_backend.wire.scpi_samples import Refused, shares_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy.typing as npt
+
     from sim_backend.world import OpticalBench
 
 __all__ = ["EmulatedKeysight", "EmulatedRigol", "EmulatedSiglent", "emulated_generator"]
+
+#: Fewer samples than this a Rigol stretches to so many, where it goes by their frequency.
+_STRETCHED: Final = 8192
 
 
 class _EmulatedTree(EmulatedGenerator):
@@ -37,7 +46,8 @@ class _EmulatedTree(EmulatedGenerator):
             return set_switch
 
         return {
-            "FUNC": store("function", {"SQU": "SQU", "SQUARE": "SQU", "SIN": "SIN"}),
+            "FUNC": store("function", {"SQU": "SQU", "SQUARE": "SQU", "SIN": "SIN", "ARB": "ARB", "USER": "USER"}),
+            "FUNC:ARB:SRAT": lambda text: self._set_rate(number_in(text)),
             "FREQ": lambda text: self._set_frequency(number_in(text)),
             "VOLT:LOW": lambda text: self._set_levels(low_v=number_in(text)),
             "VOLT:HIGH": lambda text: self._set_levels(high_v=number_in(text)),
@@ -61,6 +71,7 @@ class _EmulatedTree(EmulatedGenerator):
         return {
             "FUNC": settings.function,
             "FREQ": self._told(settings.frequency_hz),
+            "FUNC:ARB:SRAT": self._told(settings.sample_rate_hz),
             "VOLT:LOW": self._told(settings.low_v),
             "VOLT:HIGH": self._told(settings.high_v),
             "FUNC:SQU:DCYC": self._told(100.0 * settings.duty),
@@ -108,6 +119,27 @@ class EmulatedRigol(_EmulatedTree):
     """A Rigol DG1000Z: numbers with 7 digits, switches in words, levels that it cannot reach refused."""
 
     identity = "Rigol Technologies,DG1062Z,DG1ZA000000001,03.01.12"
+    _part: npt.NDArray[np.float64] = np.empty(0)  #: blocks of samples that are not all there
+
+    def _take_in(self, head: str, data: bytes) -> None:
+        """Take a block; after the last one it plays the samples, stretched where it goes by their frequency."""
+        flag = re.fullmatch(r":SOUR1:TRAC:DATA:DAC16 VOLATILE,(CON|END),#\d+", head.upper())
+        if flag is None:
+            raise Refused(head)
+        self._part = np.concatenate([self._part, shares_of(data, "<u2", 0, 0x3FFF, 8, 16_384)])
+        if flag[1] == "CON":
+            return
+        samples, self._part = self._part, np.empty(0)
+        settings = self.settings
+        if settings.sample_mode == "FREQ" and len(samples) < _STRETCHED:
+            places = np.arange(_STRETCHED) / _STRETCHED * len(samples)
+            samples = np.interp(places, np.arange(len(samples)), samples)
+        settings.memory["VOLATILE"], settings.samples, settings.function = samples, "VOLATILE", "USER"
+
+    def reboot(self, send: Callable[[bytes], None]) -> None:
+        """Lose the power for a moment, and with it what came of samples."""
+        self._part = np.empty(0)
+        super().reboot(send)
 
     def _node(self, head: str) -> str:
         match = re.fullmatch(r":SOUR1:(.+)|:(OUTP)1(:.+)?", head)
@@ -122,10 +154,17 @@ class EmulatedRigol(_EmulatedTree):
         return {
             "BURS:TRIG:SOUR": store("burst_trigger", {"INT": "INT", "EXT": "EXT", "MAN": "MAN"}),
             "BURS:IDLE": store("idle", {word: word for word in ("FPT", "TOP", "CENTER", "BOTTOM")}),
+            "FUNC:ARB:MODE": store("sample_mode", {"FREQ": "FREQ", "SRATE": "RATE", "SRAT": "RATE"}),
         }
 
     def _more_getters(self) -> dict[str, str]:
-        return {"BURS:TRIG:SOUR": self.settings.burst_trigger, "BURS:IDLE": self.settings.idle}
+        settings = self.settings
+        return {
+            "BURS:TRIG:SOUR": settings.burst_trigger,
+            "BURS:IDLE": settings.idle,
+            "FUNC:ARB:MODE": "SRATE" if settings.sample_mode == "RATE" else "FREQ",
+            "DATA:POIN": str(len(settings.memory.get("VOLATILE", ()))),
+        }
 
     def _told(self, number: float) -> str:
         return f"{number:.6E}"
@@ -155,11 +194,33 @@ class EmulatedKeysight(_EmulatedTree):
     def _more_setters(
         self, store: Callable[[str, dict[str, str]], Callable[[str], None]]
     ) -> dict[str, Callable[[str], None]]:
-        return {"TRIG:SOUR": store("burst_trigger", {"IMM": "INT", "EXT": "EXT", "BUS": "BUS"})}
+        return {
+            "TRIG:SOUR": store("burst_trigger", {"IMM": "INT", "EXT": "EXT", "BUS": "BUS"}),
+            "FORM:BORD": store("byte_order", {"NORM": "NORM", "SWAP": "SWAP"}),
+            "FUNC:ARB": store("samples", {name: name for name in self.settings.memory}),
+            "FUNC:ARB:FILT": store("sample_filter", {word: word for word in ("NORM", "STEP", "OFF")}),
+            "DATA:VOL:CLE": lambda _: self.settings.memory.clear(),
+        }
+
+    def _take_in(self, head: str, data: bytes) -> None:
+        """Take samples under a name; one that is known is refused."""
+        name = re.fullmatch(r"DATA:ARB:DAC (\w{1,12}),#\d+", head.upper())
+        if name is None or name[1] in self.settings.memory:
+            raise Refused(head)
+        kind = ">i2" if self.settings.byte_order == "NORM" else "<i2"
+        self.settings.memory[name[1]] = shares_of(data, kind, -32_767, 32_767, 8, 1_000_000)
+        self.settings.sample_mode = "RATE"  # it knows no other
 
     def _more_getters(self) -> dict[str, str]:
         trigger = self.settings.burst_trigger
-        return {"TRIG:SOUR": "IMM" if trigger == "INT" else trigger}
+        settings = self.settings
+        return {
+            "TRIG:SOUR": "IMM" if trigger == "INT" else trigger,
+            "FORM:BORD": settings.byte_order,
+            "FUNC:ARB": f'"{settings.samples}"',
+            "FUNC:ARB:FILT": settings.sample_filter,
+            "DATA:ATTR:POIN": self._told(float(len(next(iter(settings.memory.values()), ())))),
+        }
 
     def _told(self, number: float) -> str:
         return f"{number:+.14E}"
@@ -169,12 +230,34 @@ class EmulatedKeysight(_EmulatedTree):
 
 
 class EmulatedSiglent(EmulatedGenerator):
-    """A Siglent SDG: all of a group in one answer, what it cannot reach silently changed."""
+    """A Siglent SDG2000X: all of a group in one answer, what it cannot reach silently changed."""
 
-    identity = "Siglent Technologies,SDG1062X,SDG1XCAX000001,1.01.01.33R1"
+    identity = "Siglent Technologies,SDG2042X,SDG2XCAX000001,2.01.01.35R3B2"
+
+    def obey(self, request: bytes, send: Callable[[bytes], None]) -> None:
+        """Do what a line asks; samples are sent as they were taken."""
+        asked = re.fullmatch(rb"WVDT\? USER,(\w+)\s*", request, re.IGNORECASE)
+        if asked is None:
+            super().obey(request, send)
+            return
+        name = asked[1].decode().upper()
+        samples = self.settings.memory.get(name)
+        if samples is None:
+            self._error(UNKNOWN)
+            return
+        data = np.rint(samples * 65_534 - 32_767).astype("<i2").tobytes()
+        head = f"WVDT POS, M50, WVNM, {name}, LENGTH, {len(data)}B, TYPE, 5, WAVEDATA,"
+        send(head.encode() + data + b"\n")
+
+    def _take_in(self, head: str, data: bytes) -> None:
+        """Take samples under a name, in place of others; what it does not take it leaves without a word."""
+        name = re.match(r"C1:WVDT WVNM,(\w{1,30}),", head.upper())
+        with contextlib.suppress(Refused):
+            if name is not None:
+                self.settings.memory[name[1]] = shares_of(data, "<i2", -32_767, 32_767, 8, 8_000_000)
 
     def _own(self, line: str) -> str:
-        match = re.fullmatch(r"C1:(BSWV|BTWV|OUTP|SYNC)(\?| (.+))", line.upper())
+        match = re.fullmatch(r"C1:(BSWV|BTWV|OUTP|SYNC|ARWV|SRATE)(\?| (.+))", line.upper())
         if match is None:
             self._error(UNKNOWN)
             return ""
@@ -193,7 +276,13 @@ class EmulatedSiglent(EmulatedGenerator):
     def _set(self, group: str, name: str, value: str) -> None:
         settings, before = self.settings, len(self._errors)
         if (group, name) == ("BSWV", "WVTP"):
-            settings.function = {"SQUARE": "SQU"}.get(value, "SIN")
+            settings.function = {"SQUARE": "SQU", "ARB": "ARB"}.get(value, "SIN")
+        elif (group, name) == ("ARWV", "NAME"):
+            settings.samples = value if value in settings.memory else settings.samples
+        elif (group, name) == ("SRATE", "MODE"):
+            settings.sample_mode = "RATE" if value == "TARB" else "FREQ"
+        elif (group, name) == ("SRATE", "INTER"):
+            settings.between_samples = value
         elif (group, name) == ("BTWV", "STATE"):
             settings.burst = switched(value)
             settings.cycles, settings.phase_deg, settings.burst_trigger = 1, 0.0, "INT"
@@ -213,6 +302,7 @@ class EmulatedSiglent(EmulatedGenerator):
         settings = self.settings
         return {
             ("BSWV", "FRQ"): self._set_frequency,
+            ("SRATE", "VALUE"): self._set_rate,
             ("BSWV", "HLEV"): lambda volts: self._set_levels(high_v=volts),
             ("BSWV", "LLEV"): lambda volts: self._set_levels(low_v=volts),
             ("BSWV", "DUTY"): lambda percent: self._set_duty(percent / 100.0),
@@ -222,8 +312,9 @@ class EmulatedSiglent(EmulatedGenerator):
 
     def _told(self, group: str) -> str:
         settings = self.settings
+        kind = {"SQU": "SQUARE", "ARB": "ARB"}.get(settings.function, "SINE")
         wave = (
-            f"WVTP,{'SQUARE' if settings.function == 'SQU' else 'SINE'},FRQ,{settings.frequency_hz:.12g}HZ,"
+            f"WVTP,{kind},FRQ,{settings.frequency_hz:.12g}HZ,"
             f"PERI,{1.0 / settings.frequency_hz:.9g}S,AMP,{settings.high_v - settings.low_v:.6g}V,"
             f"OFST,{(settings.high_v + settings.low_v) / 2.0:.6g}V,HLEV,{settings.high_v:.6g}V,"
             f"LLEV,{settings.low_v:.6g}V,PHSE,0,DUTY,{100.0 * settings.duty:.10g}"
@@ -233,6 +324,11 @@ class EmulatedSiglent(EmulatedGenerator):
         if group == "OUTP":
             load = "HZ" if settings.load_ohm == OPEN_OHM else f"{settings.load_ohm:.0f}"
             return f"{'ON' if settings.output else 'OFF'},LOAD,{load},PLRT,NOR"
+        if group == "ARWV":
+            return f"INDEX,60,NAME,{settings.samples}"
+        if group == "SRATE":
+            rate = f"MODE,TARB,VALUE,{settings.sample_rate_hz:.12g}Sa/s,INTER,{settings.between_samples}"
+            return rate if settings.sample_mode == "RATE" else "MODE,DDS"
         if group == "SYNC":
             return "ON" if settings.sync else "OFF"
         if not settings.burst:

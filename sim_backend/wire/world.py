@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 import shutil
 import tempfile
@@ -10,19 +11,23 @@ from typing import TYPE_CHECKING, Any, Final
 
 from protocols.errors import InputError
 from sim_backend.wire.faults import Fault, FaultPlan, Faults
+from sim_backend.wire.scpi import ReservedPort
 from sim_backend.world import OpticalBench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from sim_backend.wire.evk4_usb import Evk4Usb
+    from sim_backend.wire.scpi import ScpiWire
     from sim_backend.wire.serial_wire import SerialWire
     from sim_backend.wire.wire import Firmware
 
 __all__ = ["WiredBench"]
 
 _SERIAL: Final = ("rs7", "led_driver", "wheel")
-_INSTRUMENTS: Final = (*_SERIAL, "generator", "camera")
+_INSTRUMENTS: Final = (*_SERIAL, "generator", "camera", "operator")
+#: What an operator is asked.
+_ASKED: Final = re.compile(r".*: put filter (?P<name>.+) \(OD .+\) into the light path")
 
 
 class WiredBench(OpticalBench):
@@ -31,14 +36,15 @@ class WiredBench(OpticalBench):
     Parameters
     ----------
     filters
-        Nominal optical density of each position of the filter wheel, by name, in their order.
+        Nominal optical density of each filter, by name, in the order of the positions of the filter wheel.
     bias_behaviour
         What the biases of the emulated camera do.
     faults
-        What goes wrong: for an instrument (rs7, led_driver, wheel, generator, camera) a list of mappings with
-        `fault`, `at` and, if they are others, `times` and `seconds`; see :class:`~sim_backend.wire.faults.FaultPlan`.
+        What goes wrong: for an instrument (rs7, led_driver, wheel, generator, camera, or the operator) a list of
+        mappings with `fault`, `at` and, if they are others, `times` and `seconds`; see
+        :class:`~sim_backend.wire.faults.FaultPlan`.
     instruments
-        For an instrument, arguments of its firmware.
+        For an instrument, arguments of its firmware; the generator's say its `dialect`.
     more
         See :class:`~sim_backend.world.OpticalBench`.
 
@@ -73,6 +79,7 @@ class WiredBench(OpticalBench):
         self._wanted: list[str] = []
         self._wires: dict[str, Any] = {}
         self._usb: Evk4Usb | None = None
+        self._port_of_generator: ReservedPort | None = None
 
     @property
     def rs7(self) -> str:
@@ -90,6 +97,32 @@ class WiredBench(OpticalBench):
         return self._port("wheel")
 
     @property
+    def generator(self) -> str:
+        """Address of a function generator. The port is kept for it until it is switched on."""
+        if self._port_of_generator is None:
+            self._port_of_generator = ReservedPort()
+            self._wanted.append("generator")
+        return self._port_of_generator.address
+
+    def operator(self, request: str) -> None:
+        """Do what a driver asks a person to do: put a filter in.
+
+        Raises
+        ------
+        EOFError
+            The terminal was closed before it was confirmed: the fault `reply_lost`.
+        InputError
+            Nobody knows what is asked.
+        """
+        asked = _ASKED.fullmatch(request)
+        if asked is None or asked["name"] not in self._filters:
+            raise InputError(f"wired bench: the operator does not understand {request!r}")
+        due = self.faults["operator"].due()
+        self.set_filter(asked["name"], self._filters[asked["name"]])
+        if due is not None and due.fault is Fault.REPLY_LOST:
+            raise EOFError
+
+    @property
     def camera(self) -> Evk4Usb:
         """USB with an EVK4."""
         if self._usb is None:
@@ -105,11 +138,11 @@ class WiredBench(OpticalBench):
 
     def open(self) -> None:
         """Switch the instruments on that something asked for; harmless if they are."""
-        if self._wanted:
+        if any(name in _SERIAL for name in self._wanted):
             self._folder.mkdir(mode=0o700, exist_ok=True)
         for name in self._wanted:
             if name not in self._wires:
-                self._wires[name] = self._wire(name)
+                self._wires[name] = self._generator_wire() if name == "generator" else self._wire(name)
 
     def close(self) -> None:
         """Switch them off."""
@@ -131,6 +164,16 @@ class WiredBench(OpticalBench):
             faults=self.faults[name],
             folder=self._folder,
         )
+
+    def _generator_wire(self) -> ScpiWire:
+        from sim_backend.wire.scpi import ScpiWire
+        from sim_backend.wire.scpi_makers import emulated_generator
+
+        given = dict(self._arguments.get("generator", {}))
+        if self._port_of_generator is None or "dialect" not in given:
+            raise InputError("wired bench: instruments.generator has no dialect; expected rigol, siglent or keysight")
+        firmware = emulated_generator(self, given.pop("dialect"), **given)
+        return ScpiWire(firmware, self.faults["generator"], port=self._port_of_generator.use())
 
     def _firmware(self) -> Mapping[str, Callable[..., Firmware]]:
         from sim_backend.wire.led_driver import LedFirmware

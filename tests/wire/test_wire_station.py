@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from bench.analysis.whole import analyze
 from bench.run import run_protocol
-from bench.station import load_station, station_from
+from bench.station import load_station
 from bench.store import Run
 from protocols import load_protocol
+from tests.wire.wire_rigs import DEVICE_TIMED, HOST_TIMED, shares_differ, simulated_twin
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from bench.station import Station
 
 PROTOCOL = """
 format: evs-bench-protocol/1
@@ -51,30 +49,6 @@ measurements:
     stimulus: {kind: constant, duration_s: 2}
     sweep: {illuminance_lux: [1]}
 """
-
-
-DEVICE_TIMED = {
-    "timing": "device", "lowest": 20, "highest": 60000, "unit": "count", "level_step": 1.0, "rise_tau_s": 1e-4,
-    "settling_s": 1e-3,
-}  # fmt: skip
-HOST_TIMED = {
-    "timing": "host", "lowest": 20.0, "highest": 15000.0, "unit": "cd/m2", "latency_s": 2e-3, "settling_s": 0.05,
-}  # fmt: skip
-
-
-def simulated_twin(wire: Station, light: dict[str, Any]) -> Station:
-    """Return a station of simulated devices in the same world."""
-    plan: dict[str, Any] = wire.resolved
-    args = {k: v for k, v in plan["world"]["args"].items() if k not in ("filters", "bias_behaviour", "instruments")}
-    filters = {name: section["nd_od"] for name, section in plan["calibration"]["filters"].items()}
-    drivers = {
-        "light": ("sim_backend.devices.light:SimulatedLightSource", light),
-        "wheel": ("sim_backend.devices.filter_wheel:SimulatedFilterWheel", {"filters": filters}),
-        "camera": ("sim_backend.devices.camera:SimulatedCamera", {"bias_behaviour": "$bias_map"}),
-    }
-    roles = {role: {"driver": d, "args": {"world": "$world", **given}} for role, (d, given) in drivers.items()}
-    world = {"class": "sim_backend.world:OpticalBench", "args": args}
-    return station_from({**plan, "world": world, "roles": {**roles, "clock": plan["roles"]["clock"]}}, "twin")
 
 
 @pytest.fixture(name="protocol")
@@ -115,12 +89,6 @@ def test_counts_are_those_of_a_simulated_source_timed_by_the_host(protocol: Path
         for name in ("wire", "twin")
     )
     assert len(real) == len(twin) == 8
-    p_values = []
-    for a, b in zip(real, twin, strict=True):
-        shares = [row.per_pixel / row.pulses for row in (a, b)]
-        variance = sum(share.var(ddof=1) / share.size for share in shares)
-        off = abs(a.probability - b.probability)
-        p_values.append(1.0 if off == 0.0 else math.erfc(off / math.sqrt(2.0 * variance)))
-    assert min(p_values) * len(p_values) > 0.01
+    assert min(shares_differ(a, b) for a, b in zip(real, twin, strict=True)) * len(real) > 0.01
     for point in Run.open(tmp_path / "wire").points():
         assert point.attributes["time_axis"] == ("trigger" if point.pulse_start_s.size else "edges_known")

@@ -36,7 +36,7 @@ def shipped(request: pytest.FixtureRequest) -> Station:
 
 
 def test_names() -> None:
-    assert stations() == ("simulated", "simulated_ideal", "simulated_paper", "wire", "wire_rs7")
+    assert stations() == ("simulated", "simulated_ideal", "simulated_paper", "wire", "wire_generator", "wire_rs7")
 
 
 def test_common_settings_are_reached_exactly(station: Station) -> None:
@@ -92,8 +92,9 @@ def test_what_is_believed_is_true(station: Station) -> None:
 
 def test_range_of_the_light(station: Station) -> None:
     calibration = station.calibration
-    highest = 60000.0 if station.name == "wire" else 15000.0  # counts of an LED driver, else cd/m2
-    assert (calibration.levels.lowest, calibration.levels.highest) == (20.0, highest)
+    # Counts of an LED driver, volts of a generator, else cd/m2.
+    limits = {"wire": (20.0, 60000.0), "wire_generator": (0.02, 9.5)}.get(station.name, (20.0, 15000.0))
+    assert (calibration.levels.lowest, calibration.levels.highest) == limits
     assert calibration.reachable(300.0 * 1.5, "clear")
     assert calibration.reachable(0.076 / 1.5, calibration.filter_for(3.0))
     assert calibration.filter_for(1.0) == "nd10"

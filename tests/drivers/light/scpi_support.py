@@ -6,9 +6,11 @@ import weakref
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from drivers.interfaces import Waveform
 from drivers.light.scpi_generator import ScpiGenerator
-from protocols.waveforms import square_edges
+from protocols.waveforms import reset_test_edges, square_edges
 from sim_backend.wire.faults import Faults
 from sim_backend.wire.scpi import ScpiWire
 from sim_backend.wire.scpi_makers import emulated_generator
@@ -72,3 +74,30 @@ def square(
         first_edge_s=(1.0 - duty) * period_s,
     )
     return Waveform(made.t_s, made.lux, made.duration_s)
+
+
+def pulses(
+    cycles: int = 3,
+    base: float = 2.0,
+    reset: float = 4.0,
+    test: float = 2.5,
+    gap_s: float = 0.04,
+    test_s: float = 0.04,
+) -> Waveform:
+    """Return reset and test pulses as protocols make them."""
+    made = reset_test_edges(
+        baseline_lux=base, reset_lux=reset, test_lux=test, gap_s=gap_s, reset_s=0.03, test_s=test_s, cycles=cycles
+    )
+    return Waveform(made.t_s, made.lux, made.duration_s)
+
+
+def with_unequal_gaps(waveform: Waveform, unit_s: float = 0.01) -> Waveform:
+    """Return a waveform behind four edges, no two of whose distances are alike."""
+    low, high = waveform.level[0], waveform.level[1]
+    edges_s = 0.1 + unit_s * np.array([0.0, 1.0, 4.0, 6.0])
+    shift_s = float(edges_s[-1]) + 0.1
+    return Waveform(
+        np.concatenate([[0.0], edges_s, waveform.t_s[1:] + shift_s]),
+        np.concatenate([[low], [high, low, high, low], waveform.level[1:]]),
+        waveform.duration_s + shift_s,
+    )
