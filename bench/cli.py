@@ -33,10 +33,18 @@ _COMMANDS: Final = {
     "demo": "Measure a simulated sensor and compare the result with the truth.",
     "reproduce": "Run a published simulation study, and hold it against what it says.",
     "protocols": "List the protocols that come with the bench; copy or show one.",
-    "check": "Look a protocol over before it is run: limits, warnings, time and size.",
+    "check": "Look a protocol over before it is run: limits, warnings, when it ends, what to do by hand.",
     "run": "Run a protocol on a station, and leave a run folder.",
-    "resume": "Take the rest of a simulated run that was stopped.",
+    "watch": "Show a run in the browser while it is taken.",
+    "pause": "Let a run that is being taken pause at its next point, the light dark.",
+    "continue": "Let a paused run go on.",
+    "abort": "End a run that is being taken at once, the light dark.",
+    "resume": "Take the rest of a run that was stopped or killed.",
     "rerun": "Take a simulated run once more: the same events again.",
+    "queue": "Run several protocols through the night, one after the other, with reference runs between.",
+    "notify-test": "Send one of each notice that a file asks for, and say what happened.",
+    "runs": "List the runs in a folder: what, when, on which sensor, how it ended.",
+    "diff": "Say what differs between the settings of two runs.",
     "analyze": "Turn a run into S-curves, thresholds and background rates.",
     "characterize": "Turn runs into the numbers of a sensor: threshold, dark light, noise, bandwidth, mismatch.",
     "compare": "Fit a pixel model to a run, and show where they disagree.",
@@ -55,7 +63,13 @@ _COMMANDS: Final = {
 
 
 #: Modules whose name differs from that of their command.
-_MODULES: Final = {"import": "import_", "calibrate-biases": "calibrate_biases", "calibrate-noise": "calibrate_noise"}
+_MODULES: Final = {
+    "calibrate-biases": "calibrate_biases",
+    "calibrate-noise": "calibrate_noise",
+    "continue": "continue_",
+    "import": "import_",
+    "notify-test": "notify_test",
+}
 
 
 class _LazyGroup(click.Group):

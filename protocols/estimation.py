@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from protocols.points import ConstantTiming, Point, SquareTiming
+from protocols.preamble import preamble_s
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,12 +76,13 @@ def _settling_s(points: Sequence[Point]) -> float:
 def recording_s(point: Point) -> float:
     """Return the length of the recording of `point`, s; the same as that of its stimulus."""
     timing = point.timing
+    before_s = 0.0 if point.preamble is None else preamble_s(point.preamble)
     if isinstance(timing, ConstantTiming):
         return timing.duration_s
     if isinstance(timing, SquareTiming):
-        return (point.pulses + 1.0 - timing.duty) / timing.frequency_hz
+        return before_s + (point.pulses + 1.0 - timing.duty) / timing.frequency_hz
     period_s = 2 * timing.gap_s + timing.reset_s + timing.test_s
-    return point.pulses * period_s + timing.gap_s
+    return before_s + point.pulses * period_s + timing.gap_s
 
 
 def _bytes(point: Point) -> int:

@@ -14,8 +14,10 @@ from protocols.axes import Sweep
 from protocols.base import NAME_PATTERN, FrozenModel, problems_at
 from protocols.expected import Expected
 from protocols.points import Ambient, Point
+from protocols.policy import Policy
 from protocols.settings import Expect, RoiChoice, SettingsChoice, SettleChoice
 from protocols.stimuli import StimulusChoice
+from protocols.suspend import Suspend
 
 if TYPE_CHECKING:
     from protocols.estimation import Estimate
@@ -83,6 +85,10 @@ class Protocol(FrozenModel):
     """Test pulses of each point; for a square wave, periods."""
     order: Literal["as_written", "shuffled"] = "as_written"
     """Order of the contrasts at one condition; shuffled by the seed, a slow drift does not look like contrast."""
+    policy: Policy = Policy()
+    """What the run does when something goes wrong and nobody is there."""
+    suspend: Suspend = Suspend()
+    """When the run waits until the conditions are right again."""
     measurements: Annotated[tuple[Measurement, ...], Field(min_length=1)]
     """What is measured, in the order in which it is taken as far as filters and settings allow."""
 

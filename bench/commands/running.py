@@ -14,12 +14,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bench.compute import Workforce
+    from bench.notices import RunFacts
     from bench.run import RunResult
     from bench.station import Station
 
 __all__ = [
     "OperatorSteps",
     "ask_operator",
+    "ask_run",
     "operator_option",
     "print_result",
     "take",
@@ -30,6 +32,8 @@ __all__ = [
 ]
 
 OperatorSteps = Literal["ask", "assume"]
+
+_HEARD_WITHIN_S = 5.0
 
 operator_option = click.option(
     "--operator-steps",
@@ -77,8 +81,10 @@ def take(
     seed: int | None,
     steps: OperatorSteps = "ask",
     workforce: Workforce | None = None,
+    notify: Path | None = None,
 ) -> RunResult:
-    """Run `protocol` on `station` with progress on stderr."""
+    """Run `protocol` on `station` with progress on stderr, and with notices if `notify` or the environment asks."""
+    from bench.notices import facts_of, notifying, with_notices
     from bench.run import check, run_protocol
     from bench.run.progress import progress_for
     from bench.station import load_station
@@ -88,15 +94,21 @@ def take(
     for finding in check(loaded.protocol, bench).findings:
         if finding.severity == "warning":
             say(str(finding))
-    return run_protocol(
-        loaded,
-        bench,
-        out,
-        seed=seed,
-        progress=progress_for(sys.stderr),
-        operator=_operator(steps),
-        workforce=workforce,
-    )
+    with notifying(notify, say) as notifier:
+        return with_notices(
+            lambda progress: run_protocol(
+                loaded,
+                bench,
+                out,
+                seed=seed,
+                progress=progress,
+                operator=_operator(steps),
+                workforce=workforce,
+            ),
+            progress_for(sys.stderr),
+            notifier,
+            lambda: facts_of(loaded.protocol, bench.name, out),
+        )
 
 
 def take_again(
@@ -121,25 +133,60 @@ def take_again(
 
 
 def take_the_rest(
-    run: Path, station: str | None, steps: OperatorSteps = "ask", workforce: Workforce | None = None
+    run: Path,
+    station: str | None,
+    steps: OperatorSteps = "ask",
+    workforce: Workforce | None = None,
+    *,
+    retry_skipped: bool = False,
+    accept_differences: bool = False,
+    notify: Path | None = None,
 ) -> RunResult:
     """Take the points of the run folder `run` that are not done."""
+    from bench.notices import facts_of, notifying, with_notices
     from bench.run import resume
     from bench.run.progress import progress_for
+    from bench.run.protocol_run import read_task
 
-    return resume(
-        run,
-        station=_given(station),
-        progress=progress_for(sys.stderr),
-        operator=_operator(steps),
-        workforce=workforce,
-    )
+    bench = _given(station)
+
+    def facts() -> RunFacts:
+        _, protocol, written = read_task(run, bench)
+        return facts_of(protocol, written.name, run)
+
+    with notifying(notify, say) as notifier:
+        return with_notices(
+            lambda progress: resume(
+                run,
+                station=bench,
+                progress=progress,
+                operator=_operator(steps),
+                workforce=workforce,
+                retry_skipped=retry_skipped,
+                accept_differences=accept_differences,
+            ),
+            progress_for(sys.stderr),
+            notifier,
+            facts,
+        )
 
 
 def _given(station: str | None) -> Station | None:
     from bench.station import load_station
 
     return None if station is None else load_station(station)
+
+
+def ask_run(folder: Path, wish: Literal["pause", "continue", "abort"], heard: str) -> int:
+    """Tell the process that takes the run in `folder` what the operator wishes, and say what comes of it."""
+    from bench.run.control import Wish, ask, was_heard
+
+    ask(folder, Wish(wish))
+    if was_heard(folder, _HEARD_WITHIN_S):
+        say(heard)
+    else:
+        say(f"the run has not answered within {_HEARD_WITHIN_S:.0f} s; it will find the wish in {folder}")
+    return 0
 
 
 def ask_operator(step: str) -> None:
@@ -175,6 +222,7 @@ def print_result(result: RunResult, as_json: bool) -> int:
                 "id": result.run_id,
                 "points_done": result.done,
                 "points": result.total,
+                "points_skipped": result.skipped,
                 "stopped": result.stopped,
             }
         )
@@ -185,5 +233,7 @@ def print_result(result: RunResult, as_json: bool) -> int:
         if result.resumable:
             say(f"go on with: evs-bench resume {result.folder}")
         return 130
+    if result.skipped:
+        say(f"{result.skipped} points were skipped; try them again: evs-bench resume {result.folder} --retry-skipped")
     say(f"{result.done} points; make the report with: evs-bench report {result.folder}")
     return 0

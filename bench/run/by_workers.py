@@ -11,21 +11,22 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any, Final
 
 from bench.compute import ItemFailed
-from bench.run.measuring import PointJob, measure
-from bench.run.taking import Taking, description
+from bench.run.measuring import NotMeasured, PointJob, measure
+from bench.run.policies import Failures
+from bench.run.states import State
+from bench.run.taking import Taking, cost, description, reason_of
 from bench.store.errors import RunError
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from bench.compute import Executor
     from bench.run.measuring import Measured
     from bench.run.plan import PlannedPoint
-    from bench.run.progress import Progress, Stopwatch
-    from bench.run.stop import StopFlag
+    from bench.run.progress import Stopwatch
+    from bench.run.taking import Hands
     from bench.station import Station
-    from bench.store.writer import RunWriter
     from protocols.points import Roi
 
 __all__ = ["ByWorkers", "is_simulated", "require_simulated"]
@@ -47,62 +48,114 @@ class ByWorkers(Taking):
         The run's window.
     same_disk
         Whether the workers can write into the run folder.
-    writer, progress, stop, operator
+    hands
         See :class:`~bench.run.taking.Taking`.
     """
 
-    def __init__(
-        self,
-        executor: Executor,
-        station: Station,
-        roi: Roi,
-        same_disk: bool,
-        writer: RunWriter,
-        progress: Progress,
-        stop: StopFlag,
-        operator: Callable[[str], None],
-    ) -> None:
-        super().__init__(writer, progress, stop, operator)
+    def __init__(self, executor: Executor, station: Station, roi: Roi, same_disk: bool, hands: Hands) -> None:
+        super().__init__(hands)
         self._executor = executor
         self._station = station
         self._roi = roi
         self._same_disk = same_disk
+        self._policy = hands.conduct.policy.on_failure
         self._under_way: dict[int, PlannedPoint] = {}
+        self._failures: dict[int, Failures] = {}
+        self._asked: set[int] = set()  # points whose step of a person was seen to
+        self._left: list[PlannedPoint] = []  # not dealt with
+        self._pause: str | None = None  # why the run is to be paused when the workers are done
 
-    def _take(self, planned: Sequence[PlannedPoint], watch: Stopwatch) -> int:
-        done = 0
-        self._progress.update(watch.status(0, description(planned[0].point)))
+    def _take(self, planned: Sequence[PlannedPoint], watch: Stopwatch) -> None:
+        """Take the points in rounds; what is to be taken again comes into the next one, and so what was held back."""
+        self._left = list(planned)
+        self._tell(planned, watch, description(planned[0].point))
+        while self._left and self._hands.holding.may_go_on(watch):
+            self._round(planned, watch)
+            self._course.go(State.IDLE)
+            if self._pause is not None:
+                self._hands.holding.pause(watch, self._pause)
+                self._pause = None
+
+    def _round(self, planned: Sequence[PlannedPoint], watch: Stopwatch) -> None:
+        todo = list(self._left)
         try:
-            with closing(self._executor.map(measure, self._jobs(planned), name=_name)) as results:
+            with closing(self._executor.map(measure, self._jobs(todo), name=_name)) as results:
                 for _, measured in results:
-                    self._keep(measured)
-                    done += 1
-                    for item in list(self._under_way.values())[:1]:  # the one that was begun first
-                        self._progress.update(watch.status(done, description(item.point)))
+                    item = self._keep(measured)
+                    if item in self._left:
+                        watch.again(cost(item))
+                    for under_way in list(self._under_way.values())[:1]:  # the one that was begun first
+                        self._tell(planned, watch, description(under_way.point))
         except ItemFailed as failed:
-            self._drop(failed.error, planned[failed.index].point.index)
+            self._drop(failed.error, todo[failed.index].point.index)
             raise failed.error from None
+        except _Ends as ends:
+            self._drop(ends.error, ends.index)
+            raise ends.error from None
         except BaseException as error:
             self._drop(error)
             raise
-        return done
 
-    def _jobs(self, planned: Sequence[PlannedPoint]) -> Iterator[PointJob]:
-        """Yield the points until the operator wishes to stop; each is asked for when a worker is free."""
-        for item in planned:
-            if self._stop.requested:
+    def _jobs(self, todo: Sequence[PlannedPoint]) -> Iterator[PointJob]:
+        """Yield the points until the run is to be held; each is asked for when a worker is free."""
+        for item in todo:
+            if self._pause is not None or not self._hands.holding.is_free:
                 return
-            self._begin(item)
+            if item.point.index not in self._asked:
+                self._asked.add(item.point.index)
+                self._ask_operator(item.point)
+            self._measuring()
             index = item.point.index
+            self._writer.begin(index)
             self._under_way[index] = item
             file = self._writer.part_of(index).resolve() if self._same_disk else None
             yield PointJob(item, self._station.resolved, self._station.name, self._roi, file)
 
-    def _keep(self, measured: Measured) -> None:
+    def _measuring(self) -> None:
+        if self._course.state != State.MEASURING:
+            self._course.go(State.PREPARING)
+            self._course.go(State.MEASURING)
+
+    def _keep(self, measured: Measured | NotMeasured) -> PlannedPoint:
+        """Keep what a worker has measured, and return the point; it is left where it is to be taken again."""
         for record in measured.log:
             logging.getLogger(record.name).handle(record)
-        self._writer.commit(measured.index, measured.sha256, measured.content)
+        item = self._under_way[measured.index]
+        # It stays under way until it is in the journal.
+        dealt_with = self._see_to_failure(measured) if isinstance(measured, NotMeasured) else self._commit(measured)
         del self._under_way[measured.index]
+        if dealt_with:
+            self._left.remove(item)
+        return item
+
+    def _commit(self, measured: Measured) -> bool:
+        judged, index = measured.judged, measured.index
+        reason = "; ".join(judged.reasons)
+        again = judged.is_bad and self._bad.again(index)
+        left_out = judged.is_bad and not again and self._bad.are_skipped
+        more = {**judged.keys(), **({"state": "rejected", "reason": reason} if again or left_out else {})}
+        self._writer.commit(index, measured.sha256, measured.content, **more)
+        if left_out:
+            self._skip(index, reason)
+        return not again
+
+    def _see_to_failure(self, found: NotMeasured) -> bool:
+        """Do what the policy says; return whether the point is dealt with."""
+        index, error = found.index, found.failure.error()
+        failures = self._failures.setdefault(index, Failures(self._policy))
+        again = failures.again()
+        if not again and self._policy.then == "abort":
+            raise _Ends(index, error)
+        self._writer.discard(index)
+        self._failed(index, error)
+        if again:
+            return False
+        if self._policy.then == "skip":
+            self._skip(index, reason_of(error))
+            return True
+        self._pause = f"point {index} failed: {reason_of(error)}"
+        failures.forgive()
+        return False
 
     def _drop(self, error: BaseException, failed: int | None = None) -> None:
         """Clear away what is under way after an error, that of the point `failed` or of them all."""
@@ -112,16 +165,25 @@ class ByWorkers(Taking):
             self._failed(index, error if own else RunError(f"given up when point {failed} failed"))
 
 
+class _Ends(Exception):
+    """What ends the run, and the point over which it came."""
+
+    def __init__(self, index: int, error: BaseException) -> None:
+        super().__init__(str(error))
+        self.index = index
+        self.error = error
+
+
 def require_simulated(station: Station) -> None:
     """Raise :class:`~protocols.InputError` unless everything of `station` lives in a simulated world.
 
-    Only then can each worker have a station of its own, and a run go on with another than it was begun with.
+    Only then can each worker have a station of its own.
     """
     if not is_simulated(station):
         real = [f"{role} ({part['driver']})" for role, part in _roles(station).items() if not _in_world(part)]
         raise InputError(
             f"station {station.name}: {', '.join(real) or 'it'} is no part of a simulated world; only a run that is "
-            "simulated as a whole can have several workers, or be resumed"
+            "simulated as a whole can have several workers"
         )
 
 

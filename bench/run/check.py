@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
-from bench.run.findings import NEEDED, observe_curve, observe_point, observe_settings
+from bench.run.findings import NEEDED, observe_contrast, observe_curve, observe_point, observe_settings
+from bench.run.foresight import foresee
+from bench.run.foretelling import count_text, foresight_lines, time_lines
 from bench.run.plan import plan, ranges_text
-from bench.run.progress import duration_text
+from bench.run.suspenders import problems_with
 from protocols.errors import InputError
 from protocols.points import ResetTestTiming
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Sequence
+    from pathlib import Path
 
     from bench.run.findings import Observation
+    from bench.run.foresight import Foresight
+    from bench.run.plan import PlannedPoint
     from bench.station import Station
     from protocols.estimation import Estimate
     from protocols.expected import Expected
@@ -24,6 +29,9 @@ if TYPE_CHECKING:
     from protocols.schema import Protocol
 
 __all__ = ["CheckReport", "Finding", "check"]
+
+#: So many reasons why points cannot be taken are told to people, and so many warnings; programs get all.
+_MOST_LINES: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +59,8 @@ class CheckReport:
     estimate: Estimate
     not_checked: tuple[str, ...]  #: rules that need something that is not known: which, what, and where
     end: datetime  #: when a run that starts now would be over, local time, on a bench whose time is real
+    foresight: Foresight
+    unreachable: tuple[int, ...] = ()  #: points that cannot be taken
 
     @property
     def refused(self) -> bool:
@@ -60,16 +70,25 @@ class CheckReport:
     def lines(self) -> list[str]:
         """Return the report for people, a line for each thing."""
         e = self.estimate
-        steps = f", {_count(e.operator_steps, 'operator step')}" if e.operator_steps else ""
-        points, changes = _count(e.points, "point"), _count(e.nd_changes, "change")
+        steps = f", {count_text(e.operator_steps, 'operator step')}" if e.operator_steps else ""
+        points, changes = count_text(e.points, "point"), count_text(e.nd_changes, "change")
         return [
             f"{self.title}: {points} on station {self.station}, {changes} of the filter{steps}",
-            f"time: {duration_text(e.duration_s)} ({duration_text(e.settling_s)} of it to settle), "
-            f"until {self.end:%Y-%m-%d %H:%M}; size: at most about {_size_text(e.bytes)}",
-            *(str(f) for f in self.findings),
+            *time_lines(e, self.foresight, self.end),
+            *foresight_lines(e, self.foresight),
+            *self._reach_lines(),
+            *_shortened([str(f) for f in self.findings if f.severity == "error"], "reason"),
+            *_shortened([str(f) for f in self.findings if f.severity == "warning"], "warning"),
             *(f"not checked: {line}" for line in self.not_checked),
             _verdict(self.findings),
         ]
+
+    def _reach_lines(self) -> list[str]:
+        if not self.unreachable:
+            return []
+        reasons = sum(f.severity == "error" for f in self.findings)
+        of = f"{len(self.unreachable)} of {count_text(self.estimate.points, 'point')}"
+        return [f"out of reach: {of}, for {count_text(reasons, 'reason')}"]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain data, for programs."""
@@ -82,23 +101,50 @@ class CheckReport:
             "not_checked": list(self.not_checked),
             "estimate": asdict(self.estimate),
             "end": self.end.isoformat(timespec="seconds"),
+            "foresight": _plain(self.foresight),
+            "unreachable": list(self.unreachable),
         }
 
 
-def check(protocol: Protocol, station: Station) -> CheckReport:
-    """Return what `station`, which is not connected to, and the expected pixel have to say about `protocol`."""
+def _plain(foresight: Foresight) -> dict[str, Any]:
+    end = foresight.real_end
+    return {**asdict(foresight), "real_end": None if end is None else end.isoformat(timespec="seconds")}
+
+
+def _shortened(lines: list[str], what: str) -> list[str]:
+    """Return the first of `lines`, and how many more there are."""
+    rest = len(lines) - _MOST_LINES
+    return lines if rest <= 1 else [*lines[:_MOST_LINES], f"... and {count_text(rest, f'more {what}')}: see --json"]
+
+
+def check(protocol: Protocol, station: Station, runs: Path | None = None) -> CheckReport:
+    """Return what `station`, which is not connected to, and the expected pixel have to say about `protocol`.
+
+    Parameters
+    ----------
+    protocol
+        What is to be taken.
+    station
+        On what.
+    runs
+        The folder in which the run would lie beside earlier ones, from which its time is learned; None to look at
+        neither.
+    """
     points = protocol.expand()
-    estimate = protocol.estimate()
-    _, refusals = plan(points, station)
+    planned, refusals = plan(points, station)
+    foresight = foresee(points, planned, station, runs)
     errors = [Finding("error", "cannot_be_taken", r.measurement, r.points, r.message) for r in refusals]
+    errors += [Finding("error", "cannot_wait", "", (), text) for text in problems_with(protocol.suspend, station)]
     expected = {p.index: _expected(protocol, p, station) for p in points}
     return CheckReport(
         title=protocol.title,
         station=station.name,
-        findings=(*errors, *_warnings(points, expected, station)),
-        estimate=estimate,
+        findings=(*errors, *_warnings(points, planned, expected, station)),
+        estimate=protocol.estimate(),
         not_checked=_not_checked(points, expected),
-        end=datetime.now().astimezone() + timedelta(seconds=estimate.duration_s),
+        end=datetime.now().astimezone() + timedelta(seconds=foresight.duration_s),
+        foresight=foresight,
+        unreachable=tuple(sorted({point for r in refusals for point in r.points})),
     )
 
 
@@ -113,7 +159,9 @@ def _expected(protocol: Protocol, point: Point, station: Station) -> Expected:
     return replace(known, **missing)
 
 
-def _warnings(points: Sequence[Point], expected: dict[int, Expected], station: Station) -> list[Finding]:
+def _warnings(
+    points: Sequence[Point], planned: Sequence[PlannedPoint], expected: dict[int, Expected], station: Station
+) -> list[Finding]:
     seen: list[Observation] = []
     uncalibrated = station.calibration.uncalibrated
     for point in points:
@@ -121,6 +169,8 @@ def _warnings(points: Sequence[Point], expected: dict[int, Expected], station: S
         seen += observe_settings(point, uncalibrated)
     for curve in _curves(points):
         seen += observe_curve(curve, expected[curve[0].index])
+    for one in planned:
+        seen += observe_contrast(one)
     return _gathered(seen, {p.index: p.measurement for p in points})
 
 
@@ -165,21 +215,9 @@ def _gathered(seen: Sequence[Observation], measurement: dict[int, str]) -> list[
     ]
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
-
-
 def _verdict(findings: Sequence[Finding]) -> str:
     errors = sum(f.severity == "error" for f in findings)
     warnings = len(findings) - errors
     if errors:
         return f"this cannot be taken: {errors} error{'s' * (errors > 1)}"
     return f"this can be taken, with {warnings} warning{'s' * (warnings > 1)}" if warnings else "this can be taken"
-
-
-def _size_text(size: float) -> str:
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 1000.0:
-            return f"{size:.3g} {unit}"
-        size /= 1000.0
-    return f"{size:.3g} TB"

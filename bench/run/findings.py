@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.run.foresight import ContrastError
 from protocols import stimulus_of
 from protocols.expected import Expected, log_response, off_impossible_at_lux, reset_return
 from protocols.points import ResetTestTiming, SquareTiming
@@ -19,10 +20,11 @@ from protocols.points import ResetTestTiming, SquareTiming
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator
 
+    from bench.run.plan import PlannedPoint
     from drivers.interfaces import LightSource
     from protocols.points import Point
 
-__all__ = ["NEEDED", "Observation", "observe_curve", "observe_point", "observe_settings"]
+__all__ = ["NEEDED", "Observation", "observe_contrast", "observe_curve", "observe_point", "observe_settings"]
 
 #: The return of a reset pulse should exceed the threshold by this part of it: noise and mismatch need room.
 REARM_MARGIN: Final = 0.1
@@ -32,6 +34,8 @@ EQUAL_THRESHOLDS: Final = 0.01
 SETTLED_TAUS: Final = 5.0
 #: Settings that go through the bias map.
 _PHYSICAL: Final = ("theta_on", "theta_off", "refractory_s", "bandwidth_hz")
+#: A contrast that is off by more than this part is another contrast. What was set is recorded, whatever it is.
+CONTRAST_OFF: Final = 0.05
 #: Rounding of times and thresholds that were computed from the same numbers.
 _RELATIVE: Final = 1e-6
 
@@ -187,6 +191,15 @@ def observe_settings(point: Point, uncalibrated: Collection[str]) -> Iterator[Ob
             "(calibrated: false), so that the sensor may be far from what is asked for; measure it with the protocol "
             "bias_calibration and evs-bench calibrate-biases",
             float(len(asked)),
+        )
+
+
+def observe_contrast(planned: PlannedPoint) -> Iterator[Observation]:
+    """Yield that the light source, whose levels have steps, sets quite another contrast than a point asks for."""
+    error = ContrastError.of(planned)
+    if error is not None and error.relative > CONTRAST_OFF:
+        yield Observation(
+            "contrast_in_steps", error.point, f"the levels of the light have steps: {error}", error.relative
         )
 
 

@@ -16,20 +16,24 @@ from logging.handlers import QueueHandler
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from bench.compute.work import Failure
+from bench.run.judging import Judge
 from bench.run.recorder import Recorder
 from bench.station import station_from
 from bench.store.errors import RunError
 from bench.store.layout import PART_SUFFIX
 from bench.store.point_writer import PointWriter
 from bench.store.run import sha256_of
+from drivers.errors import DeviceError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from bench.run.judging import Judged
     from bench.run.plan import PlannedPoint
     from protocols.points import Roi
 
-__all__ = ["Measured", "PointJob", "measure"]
+__all__ = ["Measured", "NotMeasured", "PointJob", "measure"]
 
 #: The largest file that is sent back over a network.
 _MOST_BYTES: Final = 1 << 30
@@ -55,43 +59,60 @@ class Measured:
     sha256: str  #: of the file
     content: bytes | None  #: of the file, unless it was left where it was asked for
     log: tuple[logging.LogRecord, ...]  #: what was logged meanwhile
+    judged: Judged  #: what it is worth
 
 
-def measure(job: PointJob) -> Measured:
-    """Measure a point; its file is whole when this returns.
+@dataclass(frozen=True, slots=True)
+class NotMeasured:
+    """A point over which a device failed."""
+
+    index: int
+    failure: Failure
+    log: tuple[logging.LogRecord, ...]
+
+
+def measure(job: PointJob) -> Measured | NotMeasured:
+    """Measure a point; its file is whole when this returns, unless a device failed.
 
     Raises
     ------
-    DeviceError
-        A device failed.
     RunError
         The file cannot be written, or is too large to be sent.
     """
     index = job.planned.point.index
     with _what_is_logged() as log:
-        if job.file is not None:
-            _record(job, job.file)
-            return Measured(index, sha256_of(job.file), None, tuple(log))
-        with tempfile.TemporaryDirectory(prefix="evs-bench-") as folder:
-            file = Path(folder) / f"{index:06d}.h5{PART_SUFFIX}"
-            _record(job, file)
-            size = file.stat().st_size
-            if size > _MOST_BYTES:
-                raise RunError(
-                    f"point {index}: its file has {size / 1e9:.2f} GB, and a worker sends at most "
-                    f"{_MOST_BYTES / 1e9:.2f} GB; run it with --workers, or take fewer pulses or pixels"
-                )
-            return Measured(index, sha256_of(file), file.read_bytes(), tuple(log))
+        try:
+            if job.file is not None:
+                judged = _record(job, job.file)
+                return Measured(index, sha256_of(job.file), None, tuple(log), judged)
+            with tempfile.TemporaryDirectory(prefix="evs-bench-") as folder:
+                file = Path(folder) / f"{index:06d}.h5{PART_SUFFIX}"
+                judged = _record(job, file)
+                return Measured(index, sha256_of(file), _content(index, file), tuple(log), judged)
+        except DeviceError as error:
+            return NotMeasured(index, Failure.of(error), tuple(log))
 
 
-def _record(job: PointJob, file: Path) -> None:
+def _content(index: int, file: Path) -> bytes:
+    size = file.stat().st_size
+    if size > _MOST_BYTES:
+        raise RunError(
+            f"point {index}: its file has {size / 1e9:.2f} GB, and a worker sends at most "
+            f"{_MOST_BYTES / 1e9:.2f} GB; run it with --workers, or take fewer pulses or pixels"
+        )
+    return file.read_bytes()
+
+
+def _record(job: PointJob, file: Path) -> Judged:
     station = station_from(job.station, job.source)
     with station:
         station.connect()
         recorder = Recorder(station, job.roi)
         recorder.prepare(job.planned)
         with PointWriter(file) as writer:
-            writer.finish(recorder.take(job.planned, writer))
+            record, judged = Judge().record(recorder, job.planned, writer)
+            writer.finish(record)
+    return judged
 
 
 class _Kept(QueueHandler):

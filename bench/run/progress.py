@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any, Final, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, Final, Protocol, TextIO, runtime_checkable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 __all__ = [
     "BarProgress",
+    "HoldListener",
     "LineProgress",
     "NoProgress",
     "Progress",
@@ -28,11 +30,12 @@ _LINE_EVERY_S: Final = 10.0
 class Status:
     """How far a run is."""
 
-    done: int  #: points that are finished
+    done: int  #: points that are dealt with: taken, or left out
     total: int
     label: str  #: the point that is being taken, for people
     left_s: float | None  #: seconds that are left; None if not known yet
     end: datetime | None  #: when it will be over, local time
+    skipped: int = 0  #: of the points that are dealt with, those that were left out
 
 
 class Progress(Protocol):
@@ -46,6 +49,17 @@ class Progress(Protocol):
 
     def close(self) -> None:
         """Take note that the run is over, in whatever way."""
+
+
+@runtime_checkable
+class HoldListener(Protocol):
+    """A progress that is also told when a run is held, and when it goes on."""
+
+    def held(self, state: str, reason: str) -> None:
+        """Take note that the run is ``paused`` or ``suspended``."""
+
+    def going_on(self) -> None:
+        """Take note that it goes on."""
 
 
 class NoProgress:
@@ -141,9 +155,10 @@ def progress_for(stream: TextIO) -> Progress:
 
 
 def _count(status: Status) -> str:
+    left_out = f", {status.skipped} skipped" if status.skipped else ""
     if status.done >= status.total:
-        return f"{status.done} of {status.total} points done"
-    return f"point {status.done + 1} of {status.total}: {status.label}"
+        return f"{status.done - status.skipped} of {status.total} points done{left_out}"
+    return f"point {status.done + 1} of {status.total}{left_out}: {status.label}"
 
 
 def _left(status: Status) -> str:
@@ -166,6 +181,8 @@ def duration_text(seconds: float) -> str:
 class Stopwatch:
     """Estimates what is left of a run from what its points cost so far.
 
+    Trials that failed cost time and bring the run no further; time in which nothing was tried does not count.
+
     Parameters
     ----------
     costs
@@ -176,10 +193,24 @@ class Stopwatch:
         self._costs = costs
         self._now = now
         self._start = now()
+        self._more = 0.0  # cost of trials that brought the run no further
 
-    def status(self, done: int, label: str) -> Status:
-        """Return the status after `done` points; the time left is known after the first."""
-        spent, left = sum(self._costs[:done]), sum(self._costs[done:])
+    def again(self, cost: float) -> None:
+        """Take note of a trial that cost as much as a point, and has to be made again."""
+        self._more += cost
+
+    @contextlib.contextmanager
+    def standing(self) -> Iterator[None]:
+        """Leave the time of the block out of account: nothing is being tried."""
+        begin = self._now()
+        try:
+            yield
+        finally:
+            self._start += self._now() - begin
+
+    def status(self, done: int, label: str, skipped: int = 0) -> Status:
+        """Return the status after `done` points, `skipped` among them; time is known after the first."""
+        spent, left = sum(self._costs[:done]) + self._more, sum(self._costs[done:])
         left_s = (self._now() - self._start) * left / spent if spent > 0.0 else None
         end = None if left_s is None else datetime.now().astimezone() + timedelta(seconds=left_s)
-        return Status(done, len(self._costs), label, left_s, end)
+        return Status(done, len(self._costs), label, left_s, end, skipped)

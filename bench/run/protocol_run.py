@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from bench.run.policies import Conduct
 from bench.run.runner import RunResult, Task, take_run
 from bench.store.errors import RunError
 from bench.store.header import read_header
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from protocols import LoadedProtocol
     from protocols.schema import Protocol
 
-__all__ = ["read_task", "rerun", "run_protocol"]
+__all__ = ["conduct_of", "read_task", "rerun", "run_protocol"]
 
 
 def run_protocol(
@@ -67,7 +68,13 @@ def _task(protocol: Protocol, name: str, text: str) -> Task:
         protocol=protocol.resolved(),
         protocol_text=text,
         seed=protocol.seed,
+        conduct=conduct_of(protocol),
     )
+
+
+def conduct_of(protocol: Protocol) -> Conduct:
+    """Return what a protocol says of how its run is taken."""
+    return Conduct(protocol.policy, protocol.suspend, protocol.believed().dark_light_lux)
 
 
 def rerun(

@@ -5,20 +5,29 @@ from __future__ import annotations
 import contextlib
 import logging
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from bench.compute import Workforce
 from bench.logs import LOG_FILE, log_into
-from bench.run.by_workers import ByWorkers, is_simulated, require_simulated
+from bench.run.by_workers import ByWorkers, require_simulated
+from bench.run.control import Control
+from bench.run.deadline import Watchdog
+from bench.run.differences import differences
+from bench.run.holding import Holding
+from bench.run.one_by_one import OneByOne
 from bench.run.plan import plan_or_raise
+from bench.run.policies import Conduct
 from bench.run.progress import NoProgress
-from bench.run.recorder import Recorder
+from bench.run.reconnecting import Rig
 from bench.run.software import software_versions
+from bench.run.states import Course
 from bench.run.stop import StopFlag
-from bench.run.taking import OneByOne
+from bench.run.suspenders import problems_with
+from bench.run.suspenders_ambient import DarkRecording
+from bench.run.taking import Hands
 from bench.station.station import DevicesFailed
 from bench.store.errors import RunError
 from bench.store.writer import RunWriter
@@ -27,23 +36,29 @@ from protocols.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from bench.compute import Executor
     from bench.run.plan import PlannedPoint
     from bench.run.progress import Progress
+    from bench.run.taking import Taken, Taking
     from bench.station import Station
     from protocols.points import Point, Roi
 
 __all__ = [
     "Crew",
+    "Rest",
     "RunResult",
     "Task",
     "assume_done",
     "carry_out",
     "new_run_id",
+    "require_conditions",
     "require_operator",
     "take_run",
 ]
 
 _log = logging.getLogger("evs_bench.run")
+_ABORTED: Final = "aborted by the operator, from another terminal"
+_HOW_TO_ACCEPT: Final = "put back what it was begun with, or say --accept-differences"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +71,7 @@ class Task:
     protocol: dict[str, Any]  #: resolved
     protocol_text: str  #: as it was written
     seed: int
+    conduct: Conduct = field(default_factory=Conduct)  #: what is done when something goes wrong
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +84,7 @@ class RunResult:
     total: int
     stopped: bool  #: by the operator, before the last point
     resumable: bool = False  #: whether :func:`bench.run.resume` takes the rest of it
+    skipped: int = 0  #: points that were left out, as the protocol's policy says
 
 
 def new_run_id(name: str, now: datetime | None = None) -> str:
@@ -121,6 +138,7 @@ def take_run(
     if workforce is not None and not workforce.alone:
         require_simulated(station)
     planned = plan_or_raise(task.points, station)
+    require_conditions(task.conduct, station)
     require_operator(task.points, operator)
     run_id = new_run_id(task.name)
     if out is None:
@@ -130,8 +148,13 @@ def take_run(
         raise RunError(f"{folder}: exists already, and a run never overwrites; choose another name")
     roi = planned[0].point.roi
     crew = Crew.of(progress, stop, operator, workforce)
-    done = carry_out(planned, station, folder, lambda: RunWriter(folder, _header(task, station, run_id, roi)), crew)
-    return RunResult(folder, run_id, done, len(planned), done < len(planned), is_simulated(station))
+
+    def open_writer() -> RunWriter:  # called once the devices have told who they are
+        return RunWriter(folder, _header(task, station, run_id, roi))
+
+    taken = carry_out(planned, station, folder, open_writer, crew, task.conduct)
+    resumable = bool(task.protocol)
+    return RunResult(folder, run_id, taken.done, taken.total, taken.stopped, resumable, taken.skipped)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,20 +179,35 @@ class Crew:
         return cls(progress, stop or StopFlag(progress.message), operator or assume_done, workforce or Workforce())
 
 
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What is known of a run that is gone on with."""
+
+    identities: dict[str, Any]  #: of the devices that it was begun with; empty if they are not known
+    accepted: bool = False  #: whether it goes on with others, too
+    differences: tuple[str, ...] = ()  #: that the operator has accepted
+
+
 def carry_out(
     planned: Sequence[PlannedPoint],
     station: Station,
     folder: Path,
     open_writer: Callable[[], RunWriter],
     crew: Crew,
-    *,
-    resumed: bool = False,
-) -> int:
-    """Take points into a run folder, and return how many were taken; `open_writer` is called when all is ready.
+    conduct: Conduct,
+    rest: Rest | None = None,
+) -> Taken:
+    """Take points into a run folder, and return what came of them; `open_writer` is called when all is ready.
 
     Raises what :func:`take_run` does.
+
+    Parameters
+    ----------
+    conduct
+        What is done when something goes wrong.
+    rest
+        Where the points are what was left of a run.
     """
-    roi = planned[0].point.roi
     with contextlib.ExitStack() as after:
         after.enter_context(contextlib.closing(crew.progress))
         after.enter_context(crew.stop.listening())
@@ -178,14 +216,65 @@ def carry_out(
             executor = after.enter_context(crew.workforce.open(crew.progress.message))
         log = after.enter_context(contextlib.ExitStack())  # it sees the station being closed
         after.enter_context(_connected(station))
+        begin = _begin(station, rest)
         writer = after.enter_context(open_writer())
+        after.enter_context(_telling_how_to_go_on(folder, station, crew.progress))
         log.enter_context(log_into(folder / LOG_FILE))
         _log.info("run in %s on station %s", folder, station.name)
-        told = (writer, crew.progress, crew.stop, crew.operator)
-        if executor is None:
-            return OneByOne(Recorder(station, roi), *told).take_all(planned, resumed=resumed)
-        same_disk = crew.workforce.cluster is None
-        return ByWorkers(executor, station, roi, same_disk, *told).take_all(planned, resumed=resumed)
+        watchdog = after.enter_context(Watchdog(conduct.policy.deadline, station, crew.stop))
+        control = after.enter_context(Control(folder, lambda: crew.stop.at_once(_ABORTED)))
+        course = Course(writer.note)
+        dark = DarkRecording(station, planned[0].point.roi, planned[0].biases)
+        holding = Holding(station, folder, control, crew.stop, course, crew.progress, conduct, dark)
+        hands = Hands(writer, course, holding, crew.progress, crew.stop, crew.operator, conduct)
+        taking = _taking(planned, station, executor, watchdog, hands, crew)
+        return taking.take_all(planned, **begin)
+
+
+def _taking(
+    planned: Sequence[PlannedPoint],
+    station: Station,
+    executor: Executor | None,
+    watchdog: Watchdog,
+    hands: Hands,
+    crew: Crew,
+) -> Taking:
+    roi = planned[0].point.roi
+    if executor is None:
+        return OneByOne(Rig(station, roi, hands.conduct.policy.reconnect, watchdog), watchdog, hands)
+    return ByWorkers(executor, station, roi, crew.workforce.cluster is None, hands)
+
+
+def _begin(station: Station, rest: Rest | None) -> dict[str, Any]:
+    """Return how the run begins in the journal, on the station that is connected now.
+
+    Raises
+    ------
+    InputError
+        If it is gone on with, and the devices are not those that it was begun with.
+    """
+    if rest is None:
+        return {}
+    other = differences(rest.identities, station.identities()) if rest.identities else ()
+    if other and not rest.accepted:
+        raise InputError(*[f"the run was begun with other devices: {line}" for line in other], _HOW_TO_ACCEPT)
+    found = [*rest.differences, *other]
+    return {"begin": "resumed", **({"differences": found} if found else {})}
+
+
+@contextlib.contextmanager
+def _telling_how_to_go_on(folder: Path, station: Station, progress: Progress) -> Iterator[None]:
+    """Say how to go on with a run that ends before its time, whatever the reason."""
+    try:
+        yield
+    except BaseException as error:
+        if folder.exists():
+            file = " --station FILE" if station.blind else ""
+            advice = f"go on with: evs-bench resume {folder}{file}"
+            if isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(f"{error or 'stopped at once'}; {advice}") from error
+            progress.message(advice)
+        raise
 
 
 @contextlib.contextmanager
@@ -211,6 +300,13 @@ def _connected(station: Station) -> Iterator[None]:
 def assume_done(step: str) -> None:
     """Take a step that a person has to do as done, and say so in the log."""
     _log.info("operator step taken as done: %s", step)
+
+
+def require_conditions(conduct: Conduct, station: Station) -> None:
+    """Raise :class:`InputError` if the run is to wait for something that `station` cannot tell."""
+    problems = () if conduct.suspend is None else problems_with(conduct.suspend, station)
+    if problems:
+        raise InputError(*problems)
 
 
 def require_operator(points: Sequence[Point], operator: Callable[[str], None] | None) -> None:

@@ -5,24 +5,56 @@ from __future__ import annotations
 import contextlib
 import logging
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
+from bench.run.policies import BadPoints
 from bench.run.progress import Stopwatch
+from bench.run.states import State
 from bench.store.errors import RunError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from bench.run.holding import Holding
     from bench.run.plan import PlannedPoint
+    from bench.run.policies import Conduct
     from bench.run.progress import Progress
-    from bench.run.recorder import Recorder
+    from bench.run.states import Course
     from bench.run.stop import StopFlag
     from bench.store.writer import RunWriter
     from protocols.points import Point
 
-__all__ = ["OneByOne", "Taking", "description"]
+__all__ = ["Hands", "Taken", "Taking", "cost", "description", "reason_of"]
 
 _log = logging.getLogger("evs_bench.run")
+
+
+@dataclass(frozen=True, slots=True)
+class Hands:
+    """What every way of taking points has to do with."""
+
+    writer: RunWriter  #: of the run folder
+    course: Course  #: the state of the run
+    holding: Holding  #: asked before each point
+    progress: Progress  #: where to tell how far it is
+    stop: StopFlag  #: the wish to stop
+    operator: Callable[[str], None]  #: called with each step that a person has to do
+    conduct: Conduct  #: what is done when something goes wrong
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """What came of the points that were to be taken."""
+
+    done: int
+    skipped: int
+    total: int
+
+    @property
+    def stopped(self) -> bool:
+        """Whether some were neither taken nor left out."""
+        return self.done + self.skipped < self.total
 
 
 class Taking(ABC):
@@ -30,131 +62,101 @@ class Taking(ABC):
 
     Parameters
     ----------
-    writer
-        Of the run folder.
-    progress
-        Where to tell how far it is.
-    stop
-        The operator's wish to stop, looked at before each point.
-    operator
-        Called with each step that a person has to do.
+    hands
+        What it has to do with.
     """
 
-    def __init__(
-        self, writer: RunWriter, progress: Progress, stop: StopFlag, operator: Callable[[str], None]
-    ) -> None:
-        self._writer = writer
-        self._progress = progress
-        self._stop = stop
-        self._operator = operator
+    def __init__(self, hands: Hands) -> None:
+        self._hands = hands
+        self._writer = hands.writer
+        self._course = hands.course
+        self._progress = hands.progress
+        self._stop = hands.stop
+        self._bad = BadPoints(hands.conduct.policy.on_bad_point)
 
-    def take_all(self, planned: Sequence[PlannedPoint], *, resumed: bool = False) -> int:
-        """Take the points, and return how many were taken before the end or the operator's wish to stop.
+    def take_all(self, planned: Sequence[PlannedPoint], *, begin: str = "run_started", **more: Any) -> Taken:
+        """Take the points, and return what came of them before the end or the wish to stop.
 
         Parameters
         ----------
         planned
             The points, in the order of the plan.
-        resumed
-            Whether these are what was left of a run.
+        begin
+            ``run_started``; ``resumed`` if these are what was left of a run.
+        **more
+            Further keys of that line in the journal.
         """
-        note = self._writer.note
-        note("resumed" if resumed else "run_started", points=len(planned))
+        self._writer.note(begin, points=len(planned), **more)
+        watch = Stopwatch([cost(item) for item in planned])
         try:
             self._writer.note_plan([item.point.index for item in planned])
-            done = self._take_until_stopped(planned)
+            self._take(planned, watch)
+            taken = self._taken(planned)
+            self._end(taken, watch)
         except BaseException as error:
-            self._note_if_possible("run_aborted", reason=_reason(error))
+            self._ended_by(error)
             if isinstance(error, KeyboardInterrupt):
                 raise KeyboardInterrupt(self._stopped_at_once(planned)) from error
             raise
-        if done < len(planned):
-            note("run_aborted", reason="stopped by the operator")
-        else:
-            note("run_finished")
-        return done
+        return taken
+
+    def _taken(self, planned: Sequence[PlannedPoint]) -> Taken:
+        indexes = [item.point.index for item in planned]
+        done = sum(self._writer.is_done(index) for index in indexes)
+        return Taken(done, sum(self._writer.is_skipped(index) for index in indexes), len(indexes))
+
+    def _end(self, taken: Taken, watch: Stopwatch) -> None:
+        if taken.stopped:
+            self._course.go(State.ABORTED, self._stop.reason or "stopped by the operator")
+            return
+        self._course.go(State.FINISHING)
+        self._progress.update(watch.status(taken.total, "", taken.skipped))
+        self._course.go(State.COMPLETED)
+
+    def _ended_by(self, error: BaseException) -> None:
+        """Note what ended the run; the error itself matters more than a disk that takes no line."""
+        state = State.ABORTED if isinstance(error, KeyboardInterrupt) else State.FAILED
+        with contextlib.suppress(RunError):
+            self._course.go(state, self._reason_of(error))
 
     def _stopped_at_once(self, planned: Sequence[PlannedPoint]) -> str:
         """Return what an operator should know who did not wait for the end of a point."""
-        done, folder = sum(self._writer.is_done(item.point.index) for item in planned), self._writer.folder
+        done = self._taken(planned).done
         text = f"stopped at once, after {done} of {len(planned)} points; what was being taken is not kept"
-        if not done:
-            return f"{text}; take the run again, with another --out"
-        return f"{text}, the others are, in {folder}; evaluate them with: evs-bench report {folder}"
-
-    def _take_until_stopped(self, planned: Sequence[PlannedPoint]) -> int:
-        watch = Stopwatch([_cost(item) for item in planned])
-        done = self._take(planned, watch)
-        if done == len(planned):
-            self._progress.update(watch.status(done, ""))
-        return done
+        return f"{text}, the others are, in {self._writer.folder}" if done else text
 
     @abstractmethod
-    def _take(self, planned: Sequence[PlannedPoint], watch: Stopwatch) -> int:
-        """Take the points until the end or the wish to stop; return how many."""
+    def _take(self, planned: Sequence[PlannedPoint], watch: Stopwatch) -> None:
+        """Take the points until the end or the wish to stop."""
 
-    def _begin(self, item: PlannedPoint) -> None:
-        """See to the operator's step before a point, and note that it is started."""
-        step = item.point.operator_before
+    def _tell(self, planned: Sequence[PlannedPoint], watch: Stopwatch, label: str) -> None:
+        taken = self._taken(planned)
+        self._progress.update(watch.status(taken.done + taken.skipped, label, taken.skipped))
+
+    def _ask_operator(self, point: Point) -> None:
+        """See to what a person has to do before a point."""
+        step = point.operator_before
         if step is not None:
             _log.info("operator step: %s", step)
+            self._course.go(State.WAITING, step)
             with self._stop.idle():
-                self._operator(step)
-        self._writer.note("started", item.point.index)
+                self._hands.operator(step)
 
     def _failed(self, index: int, error: BaseException) -> None:
         """Note that a point was begun and did not come to its end."""
         if not self._writer.is_done(index):  # else it ended well, and what ends the run came after it
             _log.error("point %d failed", index, exc_info=error)
-            self._note_if_possible("failed", index, reason=_reason(error))
+            with contextlib.suppress(RunError):
+                self._writer.note("failed", index, reason=self._reason_of(error))
 
-    def _note_if_possible(self, state: str, point: int | None = None, *, reason: str) -> None:
-        """Write a journal line about an error; the error itself matters more than a disk that takes no line."""
-        with contextlib.suppress(RunError):
-            self._writer.note(state, point, reason=reason)
+    def _skip(self, index: int, reason: str) -> None:
+        self._writer.skip(index, reason)
+        self._progress.message(f"point {index} is skipped: {reason}")
 
-
-class OneByOne(Taking):
-    """Points one after the other, on the station that is connected here.
-
-    Parameters
-    ----------
-    recorder
-        Of the connected station.
-    writer, progress, stop, operator
-        See :class:`Taking`.
-    """
-
-    def __init__(
-        self,
-        recorder: Recorder,
-        writer: RunWriter,
-        progress: Progress,
-        stop: StopFlag,
-        operator: Callable[[str], None],
-    ) -> None:
-        super().__init__(writer, progress, stop, operator)
-        self._recorder = recorder
-
-    def _take(self, planned: Sequence[PlannedPoint], watch: Stopwatch) -> int:
-        for done, item in enumerate(planned):
-            if self._stop.requested:
-                return done
-            self._progress.update(watch.status(done, description(item.point)))
-            self._begin(item)
-            self._take_one(item)
-        return len(planned)
-
-    def _take_one(self, item: PlannedPoint) -> None:
-        """Take one point; whatever happens, the journal has it."""
-        index = item.point.index
-        try:
-            self._recorder.prepare(item)
-            with self._writer.point(index) as file:
-                self._writer.finish(file, self._recorder.take(item, file))
-        except BaseException as error:
-            self._failed(index, error)
-            raise
+    def _reason_of(self, error: BaseException) -> str:
+        if isinstance(error, KeyboardInterrupt):
+            return self._stop.reason or "stopped at once by the operator"
+        return reason_of(error)
 
 
 def description(point: Point) -> str:
@@ -163,12 +165,11 @@ def description(point: Point) -> str:
     return f"{text}, log contrast {point.log_contrast:.3f}" if point.log_contrast else text
 
 
-def _cost(item: PlannedPoint) -> float:
+def cost(item: PlannedPoint) -> float:
     """Return what a point is expected to cost: its recording and the settling of the light, s."""
     return item.waveform.duration_s + item.point.settle.light_s
 
 
-def _reason(error: BaseException) -> str:
-    if isinstance(error, KeyboardInterrupt):
-        return "stopped at once by the operator"
+def reason_of(error: BaseException) -> str:
+    """Return why an error came, in one line."""
     return " ".join(str(error).split()) or type(error).__name__

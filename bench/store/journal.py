@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-__all__ = ["POINT_STATES", "RUN_STATES", "JournalEntry", "last_done", "read_journal"]
+__all__ = ["POINT_STATES", "RUN_STATES", "JournalEntry", "attempts", "last_done", "read_journal", "skipped"]
 
 POINT_STATES: Final = ("planned", "started", "done", "failed", "skipped", "rejected")
 RUN_STATES: Final = ("run_started", "paused", "resumed", "suspended", "run_finished", "run_aborted")
@@ -89,3 +90,14 @@ def last_done(entries: Iterable[JournalEntry]) -> dict[int, JournalEntry]:
     """Return, for each point that was finished, its last ``done`` line, in the order of the plan."""
     done = {e.point: e for e in entries if e.state == "done" and e.point is not None}
     return dict(sorted(done.items()))
+
+
+def skipped(entries: Iterable[JournalEntry]) -> dict[int, JournalEntry]:
+    """Return the ``skipped`` line of each point that was left out and has not been taken since."""
+    last = {e.point: e for e in entries if e.state in ("done", "skipped") and e.point is not None}
+    return {point: entry for point, entry in sorted(last.items()) if entry.state == "skipped"}
+
+
+def attempts(entries: Iterable[JournalEntry]) -> dict[int, int]:
+    """Return how often each point was begun."""
+    return dict(Counter(e.point for e in entries if e.state == "started" and e.point is not None))

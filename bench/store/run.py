@@ -6,24 +6,26 @@ import hashlib
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from bench.store import layout
 from bench.store.errors import RunError
 from bench.store.header import read_header
-from bench.store.journal import RUN_STATES, JournalEntry, last_done, read_journal
+from bench.store.journal import RUN_STATES, JournalEntry, last_done, read_journal, skipped
 from bench.store.probe import is_known, probe, remember
 from bench.store.reader import read_events, read_point
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from bench.store.data import PointData, RunHeader
     from protocols.points import Roi
 
 _log = logging.getLogger("evs_bench.store")
 
-__all__ = ["PointFile", "Run", "sha256_of"]
+__all__ = ["PointFile", "Run", "sha256_of", "unsound_points"]
+
+_MOST_REASONS: Final = 3  #: why points were skipped, in a remark
 
 #: Files that were found changed when they were read in this process.
 _changed: set[Path] = set()
@@ -131,7 +133,12 @@ class Run:
         found = []
         planned = {entry.point for entry in self.journal if entry.state == "planned"}
         taken = len(self.files) + len(self.damaged)
-        if self.journal and taken < len(planned):
+        left_out = skipped(self.journal)
+        if left_out:
+            reasons = sorted({entry.reason for entry in left_out.values() if entry.reason})
+            why = f" ({'; '.join(reasons[:_MOST_REASONS])})" if reasons else ""
+            found.append(f"{len(left_out)} of {len(planned)} planned points were skipped{why}")
+        if self.journal and taken + len(left_out) < len(planned):
             found.append(f"only {taken} of {len(planned)} planned points were taken: {self._end()}")
         elif not self.files:
             found.append("there is no finished point in this run")
@@ -179,6 +186,35 @@ def _done_files(folder: Path, journal: list[JournalEntry]) -> tuple[PointFile, .
     return tuple(PointFile(_file_of(folder, entry), entry.sha256) for entry in last_done(journal).values())
 
 
+def unsound_points(folder: Path, journal: Iterable[JournalEntry]) -> dict[int, str]:
+    """Return the points that the journal calls done, and whose files are not there as they were written, with why.
+
+    Raises
+    ------
+    RunError
+        If the journal names a file outside of the run folder.
+    """
+    found = {}
+    for index, entry in last_done(journal).items():
+        why = _why_unsound(folder, entry)
+        if why:
+            found[index] = why
+    return found
+
+
+def _why_unsound(folder: Path, entry: JournalEntry) -> str:
+    if entry.file is None:
+        return "no file is named"
+    path = folder / entry.file
+    if path.resolve().is_relative_to(folder.resolve()) and not path.is_file():
+        return f"{entry.file} is not there"
+    try:
+        changed = entry.sha256 is not None and sha256_of(_file_of(folder, entry)) != entry.sha256
+    except OSError as error:
+        return f"{entry.file} cannot be read ({error.strerror or error})"
+    return f"{entry.file} is not as it was written (its SHA-256 differs)" if changed else ""
+
+
 def _file_of(folder: Path, entry: JournalEntry) -> Path:
     where = folder / layout.JOURNAL_FILE
     if entry.file is None:
@@ -188,8 +224,8 @@ def _file_of(folder: Path, entry: JournalEntry) -> Path:
         raise RunError(f"{where}: point {entry.point}: {entry.file} lies outside the run folder")
     if not path.is_file():
         raise RunError(
-            f"{where}: point {entry.point} is done, but {entry.file} is not there; bring it back, or take the run "
-            "again"
+            f"{where}: point {entry.point} is done, but {entry.file} is not there; bring it back, or take the point "
+            f"again with: evs-bench resume {folder}"
         )
     return path
 

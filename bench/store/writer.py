@@ -9,14 +9,15 @@ import contextlib
 import hashlib
 import json
 import os
+import time
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from bench.store import layout
 from bench.store.durable import lock_file, sync_file, sync_folder, write_whole
 from bench.store.errors import RunError
 from bench.store.header import use_plain_values
-from bench.store.journal import POINT_STATES, RUN_STATES, last_done, read_journal
+from bench.store.journal import POINT_STATES, RUN_STATES, attempts, last_done, read_journal, skipped
 from bench.store.point_writer import PointWriter, cannot_write
 from bench.store.run import sha256_of
 from bench.store.signals import signals_later
@@ -25,14 +26,37 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from bench.store.journal import JournalEntry
     from bench.store.record import PointRecord
 
-__all__ = ["RunWriter", "utc_now"]
+__all__ = ["RunWriter", "is_being_written", "utc_now"]
+
+#: So long a lock is waited for: somebody may only be looking whether there is one.
+_LOCK_S: Final = 1.0
 
 
 def utc_now() -> str:
     """Return the time in UTC, ISO 8601, with milliseconds."""
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def is_being_written(folder: Path) -> bool:
+    """Return whether a process is writing the run in `folder`; False where the platform cannot tell.
+
+    Raises
+    ------
+    RunError
+        If there is no journal that can be read.
+    """
+    path = folder / layout.JOURNAL_FILE
+    try:
+        with path.open("rb") as journal:
+            lock_file(journal.fileno())
+    except BlockingIOError:
+        return True
+    except OSError as error:
+        raise RunError(f"{path}: {error.strerror or error}") from error
+    return False
 
 
 class RunWriter:
@@ -55,6 +79,9 @@ class RunWriter:
     def __init__(self, folder: Path, header: dict[str, Any] | None) -> None:
         self.folder = folder
         self._done: set[int] = set()
+        self._skipped: set[int] = set()
+        self._attempts: dict[int, int] = {}
+        self._named: set[str] = set()  # names of files of points that the journal knows
         if header is None:
             self._go_on()
         else:
@@ -80,12 +107,13 @@ class RunWriter:
         except OSError as error:
             raise cannot_write(path, error) from error
         try:
-            lock_file(self._journal.fileno())
+            self._lock()
             whole = path.read_bytes().rfind(b"\n") + 1
             self._journal.truncate(whole)
             self._journal.seek(whole)
-            self._done = set(last_done(read_journal(path)))
+            self._know(read_journal(path))
             self._remove_halves()
+            (self.folder / layout.CONTROL_FILE).unlink(missing_ok=True)  # a wish of before
         except BlockingIOError:
             self.close()
             raise RunError(f"{self.folder}: another process is writing this run") from None
@@ -95,6 +123,23 @@ class RunWriter:
         except RunError:
             self.close()
             raise
+
+    def _lock(self) -> None:
+        until = time.monotonic() + _LOCK_S
+        while True:
+            try:
+                lock_file(self._journal.fileno())
+            except BlockingIOError:
+                if time.monotonic() > until:
+                    raise
+                time.sleep(_LOCK_S / 20)
+            else:
+                return
+
+    def _know(self, journal: list[JournalEntry]) -> None:
+        self._done, self._skipped = set(last_done(journal)), set(skipped(journal))
+        self._attempts = attempts(journal)
+        self._named = {entry.file.rpartition("/")[2] for entry in journal if entry.file is not None}
 
     def __enter__(self) -> Self:
         """Return the writer itself."""
@@ -125,7 +170,8 @@ class RunWriter:
         **more
             Further keys, as `reason`.
         """
-        self._append([_line(state, point, more)])
+        attempt = {} if point is None else {"attempt": max(1, self._attempts.get(point, 1))}
+        self._append([_line(state, point, attempt | more)])
 
     def note_plan(self, points: Sequence[int]) -> None:
         """Append a ``planned`` line for each of `points`, and return when all are on disk."""
@@ -141,27 +187,52 @@ class RunWriter:
         except OSError as error:
             raise cannot_write(self.folder / layout.JOURNAL_FILE, error) from error
 
+    def begin(self, index: int) -> int:
+        """Note that the point `index` is begun, and return the number of the attempt, from 1."""
+        self._attempts[index] = self._attempts.get(index, 0) + 1
+        self.note("started", index)
+        return self._attempts[index]
+
+    def skip(self, index: int, reason: str) -> None:
+        """Note that the point `index` is left out."""
+        self._skipped.add(index)
+        self.note("skipped", index, reason=reason)
+
     def point(self, index: int) -> PointWriter:
         """Return a writer for the point `index`; pass it to :meth:`finish` when all events are in."""
         return PointWriter(self._file_of(index))
 
-    def finish(self, writer: PointWriter, record: PointRecord) -> Path:
-        """Complete the point file, write its ``done`` line, and return its path.
+    def finish(self, writer: PointWriter, record: PointRecord, **more: Any) -> Path:
+        """Complete the point file, write its ``done`` line with the further keys `more`, and return its path.
 
         Ctrl-C and the like are delivered after that: there is no file without its line.
         """
         with signals_later():
             writer.finish(record)
-            self._note_done(record.index, self._digest_of(record.index))
+            self._note_file("done", record.index, writer.path, self._digest_of(writer.path), more)
         return writer.path
+
+    def reject(self, writer: PointWriter, record: PointRecord, **more: Any) -> Path:
+        """Complete the file of a point that was judged bad, as evidence; the next one gets another name."""
+        with signals_later():
+            writer.finish(record)
+            self._note_file("rejected", record.index, writer.path, self._digest_of(writer.path), more)
+        return writer.path
+
+    def give_up(self, index: int, reason: str) -> None:
+        """Note that the file of a point that is done cannot be used: the point is not done any more."""
+        self._done.discard(index)
+        self.note("rejected", index, reason=reason)
 
     def part_of(self, index: int) -> Path:
         """Return where a worker is to leave the whole file of the point `index`, for :meth:`commit`."""
         file = self._file_of(index)
         return file.with_name(file.name + layout.PART_SUFFIX)
 
-    def commit(self, index: int, sha256: str, content: bytes | None = None) -> None:
-        """Give the file that a worker left its name, and write its ``done`` line.
+    def commit(
+        self, index: int, sha256: str, content: bytes | None = None, *, state: str = "done", **more: Any
+    ) -> None:
+        """Give the file that a worker left its name, and write its line.
 
         Parameters
         ----------
@@ -171,6 +242,10 @@ class RunWriter:
             Of the file, as the worker has it.
         content
             The file itself, where the worker could not leave it.
+        state
+            ``done`` or ``rejected``.
+        **more
+            Further keys of the line.
 
         Raises
         ------
@@ -189,41 +264,53 @@ class RunWriter:
                 sync_folder(file.parent)
             except OSError as error:
                 raise cannot_write(file, error) from error
-            self._note_done(index, sha256)
+            self._note_file(state, index, file, sha256, more)
 
-    def adopt(self, index: int) -> None:
-        """Write the ``done`` line of a file that is whole under its final name, but has none."""
-        self._note_done(index, self._digest_of(index))
+    def adopt(self, index: int, file: Path) -> None:
+        """Write the ``done`` line of a file that is whole under a final name, but has none."""
+        self._note_file("done", index, file, self._digest_of(file), {})
 
     def discard(self, index: int) -> None:
         """Remove what a worker left of a point that it did not finish, if there is something."""
         with contextlib.suppress(OSError):
-            for rest in (self.folder / layout.POINTS_FOLDER).glob(f"{index:06d}.h5{layout.PART_SUFFIX}*"):
+            for rest in (self.folder / layout.POINTS_FOLDER).glob(f"{index:06d}.*{layout.PART_SUFFIX}*"):
                 rest.unlink()
 
-    def unadopted(self) -> dict[int, Path]:
-        """Return the files under a final name that have no ``done`` line, by point."""
+    def unadopted(self) -> list[tuple[int, Path]]:
+        """Return point and path of the files under a final name that no line names and whose point is not done."""
         files = sorted((self.folder / layout.POINTS_FOLDER).glob("[0-9]*.h5"))
-        found = {int(file.stem): file for file in files if file.stem.isdecimal()}
-        return {index: file for index, file in found.items() if index not in self._done}
+        found = [(layout.point_of(file.name), file) for file in files if file.name not in self._named]
+        return [(point[0], file) for point, file in found if point is not None and point[0] not in self._done]
 
     def _file_of(self, index: int) -> Path:
-        return self.folder / layout.POINTS_FOLDER / f"{index:06d}.h5"
+        """Return the first name that no file of the point has had."""
+        repeat = 0
+        while True:
+            file = self.folder / layout.POINTS_FOLDER / layout.point_file(index, repeat)
+            if file.name not in self._named and not file.exists():
+                return file
+            repeat += 1
 
-    def _digest_of(self, index: int) -> str:
+    def _digest_of(self, file: Path) -> str:
         try:
-            return sha256_of(self._file_of(index))
+            return sha256_of(file)
         except OSError as error:
-            raise cannot_write(self._file_of(index), error) from error
+            raise cannot_write(file, error) from error
 
-    def _note_done(self, index: int, sha256: str) -> None:
-        file = self._file_of(index).relative_to(self.folder).as_posix()
-        self.note("done", index, file=file, sha256=sha256)
-        self._done.add(index)
+    def _note_file(self, state: str, index: int, file: Path, sha256: str, more: dict[str, Any]) -> None:
+        self._named.add(file.name)
+        self.note(state, index, file=file.relative_to(self.folder).as_posix(), sha256=sha256, **more)
+        if state == "done":
+            self._done.add(index)
+            self._skipped.discard(index)
 
     def is_done(self, index: int) -> bool:
         """Return whether the point `index` has its ``done`` line."""
         return index in self._done
+
+    def is_skipped(self, index: int) -> bool:
+        """Return whether the point `index` was left out."""
+        return index in self._skipped
 
     def _remove_halves(self) -> None:
         for part in (self.folder / layout.POINTS_FOLDER).glob(f"*{layout.PART_SUFFIX}"):

@@ -64,9 +64,12 @@ def build_station(
     noise_rms: float = 0.04,
     light: Any = SimulatedLightSource,
     camera: Any = SimulatedCamera,
+    trigger_cable: bool = True,
 ) -> Station:
     """Return a small simulated station; `light` and `camera` are the classes of its devices."""
-    world = OpticalBench(lux_per_level=10.0, pixel={"noise_rms": noise_rms}, sensor_seed=3)
+    world = OpticalBench(
+        lux_per_level=10.0, pixel={"noise_rms": noise_rms}, sensor_seed=3, trigger_cable=trigger_cable
+    )
     biases = BiasMap(_CURVES)
     source: LightSource = light(
         world, lowest=0.5, highest=100.0, unit="%", timing=timing, rise_tau_s=1e-4, settling_s=2e-3, latency_s=3e-4

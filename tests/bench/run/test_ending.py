@@ -90,7 +90,7 @@ def test_ctrl_c_stops_after_the_point(make_station: StationMaker, protocol: Load
 
 def test_a_second_ctrl_c_stops_at_once(make_station: StationMaker, protocol: LoadedProtocol, tmp_path: Path) -> None:
     station = make_station()
-    with pytest.raises(KeyboardInterrupt, match=r"after 1 of \d+ points; .* evs-bench report .*run$"):
+    with pytest.raises(KeyboardInterrupt, match=r"after 1 of \d+ points; .* evs-bench resume .*run$"):
         run_protocol(protocol, station, tmp_path / "run", progress=_Interrupting(at=1, times=2))
     assert _journal(tmp_path / "run")[-1]["state"] == "run_aborted"
     assert len(Run.open(tmp_path / "run")) == 1

@@ -251,6 +251,23 @@ def test_a_point_that_cannot_be_taken_ends_the_run_in_one_line(
 
 
 @pytest.mark.slow
+def test_a_point_that_keeps_failing_is_tried_again_and_skipped_and_the_others_are_taken(tmp_path: Path) -> None:
+    text = MANY.replace("measurements:", "policy: {on_failure: {retries: 1, then: skip}}\nmeasurements:", 1)
+    night, told = parse_protocol(text, "night.yaml"), Telling()
+    station, folder = station_with(tmp_path, "FailingCamera"), tmp_path / "run"
+    result = run_protocol(night, station, folder, workforce=Workforce(2), progress=told)
+    states = _states(folder)
+    skipped = {point for state, point in states if state == "skipped"}
+    assert (result.done, result.skipped, result.stopped) == (12 - len(skipped), len(skipped), False)
+    assert 1 in skipped
+    for point in skipped:
+        assert [state for state, p in states if p == point] == ["planned", *["started", "failed"] * 2, "skipped"]
+    assert states[-1] == ("run_finished", None)
+    assert not list((folder / "points").glob("*.part*"))
+    assert "point 1 is skipped: camera: read the events" in told.text
+
+
+@pytest.mark.slow
 def test_a_run_that_is_killed_is_resumed(quick: Station, expected_many: dict[int, str], tmp_path: Path) -> None:
     (tmp_path / "many.yaml").write_text(MANY)
     folder = tmp_path / "run"

@@ -17,10 +17,12 @@ import numpy as np
 import pytest
 
 from bench.store import Run, RunError, RunWriter
+from bench.store.journal import skipped
 from bench.store.point_writer import PointWriter
 from bench.store.record import PointRecord, PulseRecord, StimulusRecord
 from bench.store.signals import signals_later
 from bench.store.sink import Sink
+from bench.store.writer import is_being_written
 from drivers.events.types import EVENT_DTYPE, TRIGGER_DTYPE, EventChunk, empty_triggers
 from protocols.points import Roi
 
@@ -252,3 +254,44 @@ def test_signals_are_held_back_and_handlers_put_back() -> None:
         assert len(got) == 2
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _take(writer: RunWriter, index: int, *, reject: bool = False) -> Path:
+    writer.begin(index)
+    with writer.point(index) as point:
+        point.append(EventChunk(_events(10), empty_triggers()))
+        return (writer.reject if reject else writer.finish)(point, _record(index))
+
+
+def test_each_file_of_a_point_has_its_own_name_and_attempts_are_counted_over_all_sessions(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "a", HEADER) as writer:
+        names = [_take(writer, 0, reject=True).name, _take(writer, 0).name, _take(writer, 1).name]
+        writer.begin(2)
+        writer.note("failed", 2, reason="a reason")
+        assert is_being_written(tmp_path / "a")
+    assert names == ["000000.h5", "000000.r1.h5", "000001.h5"]
+    assert not is_being_written(tmp_path / "a")
+    (tmp_path / "a/points/000001.h5").unlink()
+    with RunWriter(tmp_path / "a", None) as writer:
+        writer.give_up(1, "it is not there")
+        assert not writer.is_done(1)
+        assert [_take(writer, index).name for index in (1, 2)] == ["000001.r1.h5", "000002.h5"]
+        writer.skip(3, "a reason")
+        assert writer.is_skipped(3)
+    run = Run.open(tmp_path / "a")
+    run.verify()
+    assert [file.path.name for file in run.files] == ["000000.r1.h5", "000001.r1.h5", "000002.h5"]
+    done = {entry.point: entry.attempt for entry in run.journal if entry.state == "done"}
+    assert done == {0: 2, 1: 2, 2: 2}
+    assert list(skipped(run.journal)) == [3]
+
+
+def test_a_file_without_a_line_is_found_by_any_of_its_names(tmp_path: Path) -> None:
+    with RunWriter(tmp_path / "a", HEADER) as writer:
+        first = _take(writer, 0, reject=True)
+    (tmp_path / "a/points/000000.r1.h5").write_bytes(first.read_bytes())
+    with RunWriter(tmp_path / "a", None) as writer:
+        ((index, file),) = writer.unadopted()
+        assert (index, file.name) == (0, "000000.r1.h5")
+        writer.adopt(index, file)
+    assert [file.path.name for file in Run.open(tmp_path / "a").files] == ["000000.r1.h5"]
