@@ -5,6 +5,7 @@
 #   make check   lint, types, import contracts, quick tests, wheel
 #   make bench   speed, side by side
 #   make verify  the fast engine against the reference engine, 1e5 pulses at each of many settings (under 40 minutes)
+#   make soak    200 kills, each with a resume, and a night of 12 h of bench time with a fault every 20 minutes
 #   make dozen   twelve gross cases of the planted-effect study, as tests (half an hour)
 #   make study   plant effects in 306 runs and diagnose each (hours; it goes on where it was stopped)
 
@@ -25,7 +26,7 @@ RUN_ENV  := $(VENV)/.ready-run
 TEST_ENV := $(VENV)/.ready-test
 DEV_ENV  := $(VENV)/.ready-dev
 
-.PHONY: help demo test quick check lint types contracts wheel bench verify dozen study lock clean
+.PHONY: help demo test quick check lint types contracts wheel bench verify soak dozen study lock clean
 .DELETE_ON_ERROR:
 
 help:
@@ -62,6 +63,9 @@ bench: $(TEST_ENV)
 
 verify: $(TEST_ENV)
 	$(BIN)/python benchmarks/equal_statistics.py
+
+soak: $(TEST_ENV)
+	$(BIN)/python -m benchmarks.soak
 
 dozen: $(TEST_ENV)
 	$(PYTEST) -m dozen tests/benchmarks/planted/test_dozen.py

@@ -19,6 +19,7 @@ import numpy as np
 import usb.backend
 import usb.core
 
+from sim_backend.clock import to_ns
 from sim_backend.wire.evk4_firmware import NOT_KNOWN, Evk4Firmware
 from sim_backend.wire.faults import Fault, FaultPlan, Faults
 
@@ -114,7 +115,9 @@ class Evk4Usb(usb.backend.IBackend):  # type: ignore[misc]
         self._condition = threading.Condition()
         self._queued = 0
         self._plugged = 0
+        self._clock = world.clock
         self._gone_until_s: float | None = None
+        self._gone_until_ns = 0
         self._switch_on()
 
     @property
@@ -141,9 +144,10 @@ class Evk4Usb(usb.backend.IBackend):  # type: ignore[misc]
         self._firmware.sensor.replay(stream)
 
     def unplug(self, seconds: float) -> None:
-        """Pull the cable out, and put it in again after so many seconds of real time."""
+        """Pull the cable out, and put it in again after so many seconds, of real time or on the world's clock."""
         with self._condition:
             self._gone_until_s = time.monotonic() + seconds
+            self._gone_until_ns = self._clock.now_ns + to_ns(seconds)
             self._plugged += 1
             self._firmware.sensor.power_off()
             self._switch_on()
@@ -322,7 +326,9 @@ class Evk4Usb(usb.backend.IBackend):  # type: ignore[misc]
         self._unsent = memoryview(b"")
 
     def _is_gone(self) -> bool:
-        if self._gone_until_s is not None and time.monotonic() >= self._gone_until_s:
+        if self._gone_until_s is None:
+            return False
+        if time.monotonic() >= self._gone_until_s or self._clock.now_ns >= self._gone_until_ns:
             self._gone_until_s = None
         return self._gone_until_s is not None
 

@@ -9,14 +9,18 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from sim_backend.clock import to_ns
 from sim_backend.wire.faults import Fault, FaultPlan, Faults
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sim_backend.clock import VirtualClock
+
 __all__ = ["Firmware", "Wire"]
 
 _GARBAGE: Final = 37  # bytes
+_LOOK_S: Final = 0.005  # so often the world's clock is looked at while a cable is out
 
 
 class Firmware(ABC):
@@ -57,6 +61,7 @@ class Wire(ABC):
         self.faults = faults or Faults()
         self._random = np.random.default_rng(seed)
         self._put_back = threading.Event()
+        self.clock: VirtualClock | None = None  #: of the world, if the time that a cable is out passes on it too
 
     def put_back(self) -> None:
         """Plug in a cable that is out before its time is over; one that is in goes in at once the next time."""
@@ -78,8 +83,7 @@ class Wire(ABC):
             self.firmware.obey(request, self._send)
         elif due.fault is Fault.UNPLUGGED:
             self._unplug()
-            self._put_back.wait(due.seconds)
-            self._put_back.clear()
+            self._wait_for_the_cable(due.seconds)
             self._plug_in()
         elif due.fault is Fault.REBOOT:
             self.firmware.reboot(self._send)
@@ -89,6 +93,15 @@ class Wire(ABC):
             if due.fault is Fault.REPLY_LATE:
                 time.sleep(due.seconds)
             self._send(self._spoilt(bytes(sent), due))
+
+    def _wait_for_the_cable(self, seconds: float) -> None:
+        """Wait until it is put back: by somebody, or when so much time has passed, real or on the world's clock."""
+        until_s = time.monotonic() + seconds
+        until_ns = None if self.clock is None else self.clock.now_ns + to_ns(seconds)
+        while not self._put_back.wait(min(_LOOK_S, max(0.0, until_s - time.monotonic()))):
+            if time.monotonic() >= until_s or (self.clock and until_ns and self.clock.now_ns >= until_ns):
+                break
+        self._put_back.clear()
 
     def _spoilt(self, sent: bytes, due: FaultPlan) -> bytes:
         """Return what comes in place of an answer."""

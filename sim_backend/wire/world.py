@@ -158,12 +158,14 @@ class WiredBench(OpticalBench):
     def _wire(self, name: str) -> SerialWire:
         from sim_backend.wire.serial_wire import SerialWire
 
-        return SerialWire(
+        wire = SerialWire(
             self._firmware()[name](**self._arguments.get(name, {})),
             name,
             faults=self.faults[name],
             folder=self._folder,
         )
+        wire.clock = self.clock
+        return wire
 
     def _generator_wire(self) -> ScpiWire:
         from sim_backend.wire.scpi import ScpiWire
@@ -173,7 +175,9 @@ class WiredBench(OpticalBench):
         if self._port_of_generator is None or "dialect" not in given:
             raise InputError("wired bench: instruments.generator has no dialect; expected rigol, siglent or keysight")
         firmware = emulated_generator(self, given.pop("dialect"), **given)
-        return ScpiWire(firmware, self.faults["generator"], port=self._port_of_generator.use())
+        wire = ScpiWire(firmware, self.faults["generator"], port=self._port_of_generator.use())
+        wire.clock = self.clock
+        return wire
 
     def _firmware(self) -> Mapping[str, Callable[..., Firmware]]:
         from sim_backend.wire.led_driver import LedFirmware

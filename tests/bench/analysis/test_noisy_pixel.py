@@ -278,7 +278,8 @@ REFUSED = {
     "were answered": lambda: drawn(span=(0.1, 0.5)),
     "fewer than 8 pixels": lambda: drawn(pixels=4),
     "different numbers of pixels": lambda: [*drawn(), *drawn(pixels=65)],
-    "their latencies": lambda: [replace(r, latency_counts=0 * r.latency_counts) for r in drawn()],
+    "for want of triggers": lambda: [replace(r, latency_counts=0 * r.latency_counts) for r in drawn()],
+    "their latencies": lambda: [replace(r, latency_counts=np.minimum(r.latency_counts, 1)) for r in drawn()],
 }
 
 

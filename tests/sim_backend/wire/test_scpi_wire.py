@@ -240,6 +240,17 @@ def test_the_address_stays_when_the_cable_is_out_and_in_again(make: Callable[[st
     assert bench.caller.ask("*IDN?").startswith("Rigol")
 
 
+def test_the_time_that_a_cable_is_out_passes_on_the_clock_of_the_world_too(make: Callable[[str], Bench]) -> None:
+    bench = make("rigol")
+    address, bench.wire.clock = bench.wire.address, bench.world.clock
+    bench.wire.faults.plan(FaultPlan(Fault.UNPLUGGED, 0, seconds=600.0))
+    assert bench.caller.ask("*IDN?") == ""
+    bench.caller.close()
+    bench.world.clock.sleep(601.0)
+    bench.caller = patient_caller(address)
+    assert bench.caller.ask("*IDN?").startswith("Rigol")
+
+
 def test_another_driver_may_come_when_the_first_has_gone(make: Callable[[str], Bench]) -> None:
     bench = make("rigol")
     bench.caller.close()
