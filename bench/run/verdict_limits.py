@@ -26,7 +26,7 @@ class Limits:
     level_changed: float = 0.02  #: between the light before and after the point
     level_changed_again: float = 0.1
     temperature_changed_c: float = 2.0  #: during the point, degrees Celsius
-    max_rate_eps: float = 1e8  #: 16-bit words that 1.6 Gbit/s hold, which the maker of the EVK4 states for its kits
+    max_rate_eps: float = 1e8  #: 16-bit words in the 1.6 Gbit/s that the maker states for the EVK3
     max_bytes_per_s: float = 2e8  #: the same in bytes
     near_limit: float = 0.9  #: share of either
     dead_time_limited: float = 0.8  #: share of the events that the dead time lets a pixel give
