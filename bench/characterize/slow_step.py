@@ -28,7 +28,7 @@ __all__ = ["SlowStep", "reached", "slow_step"]
 
 _LONGEST: Final = 1.5  # step of time, units of tau
 _MOVED: Final = 0.5  # by which the mean output moves in a step of time at the most, sigma
-_BARRIERS: Final = np.linspace(-5.5, 5.5, 12)  # around the one that half of the pixels reach, sigma
+_BARRIERS: Final = np.linspace(-5.5, 5.5, 12)  # `LANES` of them, around the one that half of the pixels reach, sigma
 _HALF: Final = 2.2  # by which that lies above the highest mean output, about
 _FINE: Final = 4001
 _SMALLEST: Final = 1e-6  # rho

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 SCRIPT = Path(__file__).parent / "kill_script.py"
-KILLS = 20
+KILLS = 8
 
 
 class Child:
