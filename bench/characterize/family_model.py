@@ -194,9 +194,11 @@ def _latencies(
     """Return (k,) the mean latency of those answers that come within the window."""
     time, missed = unanswered_over_time(pixels, conditions, signal, table, stretch)
     end = min(conditions.window_s / conditions.tau_s, float(time[-1]))
-    inside = np.append(time[time < end], end)
-    left = np.array([np.interp(inside, time, one) for one in missed]).reshape(len(signal), inside.size)
-    left = np.maximum(left, _NOTHING)
+    after = int(np.searchsorted(time, end))
+    inside = np.append(time[:after], end)
+    part = (end - time[after - 1]) / (time[after] - time[after - 1])
+    last = (1.0 - part) * missed[:, after - 1] + part * missed[:, after]
+    left = np.maximum(np.concatenate((missed[:, :after], last[:, None]), axis=1), _NOTHING)
     fall = np.log(left[:, :-1] / left[:, 1:])
     # Between two times the rest falls off exponentially.
     level_mean = np.where(fall > _EVEN, (left[:, :-1] - left[:, 1:]) / np.maximum(fall, _EVEN), left[:, 1:])
