@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["Kills", "kill_and_resume"]
 
 _KILLS_A_RUN: Final = 5
+_BEGINS: Final = "before the rename"
 #: Attributes that say when a point was taken, and not what came of it.
 _WHEN: Final = frozenset({"started"})
 _PROTOCOL: Final = """\
@@ -72,7 +73,7 @@ class Kills:
 
 
 def kill_and_resume(folder: Path, kills: int, seed: int, tell: Callable[[str], None]) -> Kills:
-    """Take runs below `folder` and kill them, `kills` times in all, the same number at each place; look after each.
+    """Take runs below `folder` and kill them, `kills` times or a few more, evenly at all places; look after each.
 
     Parameters
     ----------
@@ -90,10 +91,10 @@ def kill_and_resume(folder: Path, kills: int, seed: int, tell: Callable[[str], N
     wanted = _content(whole)
     found = Kills()
     order = _order(kills, rng)
-    while found.kills < kills and not found.problems:
+    while order and not found.problems:
         _one_run(folder / f"run{found.runs}", order, wanted, found, rng)
         found.runs += 1
-        tell(f"{found.kills} of {kills} kills, {found.runs} runs, {len(found.problems)} problems")
+        tell(f"{found.kills} kills of about {kills}, {found.runs} runs, {len(found.problems)} problems")
     return found
 
 
@@ -113,12 +114,13 @@ def _one_run(folder: Path, order: list[str], wanted: dict[str, Any], found: Kill
     done: dict[int, tuple[str | None, str | None]] = {}
     for _ in range(_KILLS_A_RUN):
         begun = (folder / RUN_FILE).exists() and (folder / JOURNAL_FILE).exists()
-        place = _next(order, begun)
-        if place is None:
+        if not order:
             break
+        place = _next(order, begun)
         killed = _killed(folder, begun, place, rng)
         if killed:
-            order.remove(place)
+            with contextlib.suppress(ValueError):  # one that only begins a run for others
+                order.remove(place)
             found.places[place] += 1
         else:
             found.survived[place] += 1
@@ -135,9 +137,9 @@ def _one_run(folder: Path, order: list[str], wanted: dict[str, Any], found: Kill
     found.problems += _at_the_end(folder, wanted)
 
 
-def _next(order: list[str], begun: bool) -> str | None:
-    """Return the next place that may come now."""
-    return next((place for place in order if begun or place not in IN_A_RESUME), None)
+def _next(order: list[str], begun: bool) -> str:
+    """Return the next place that may come now; where none is left that may, one that begins a run."""
+    return next((place for place in order if begun or place not in IN_A_RESUME), _BEGINS)
 
 
 def _killed(folder: Path, begun: bool, place: str, rng: np.random.Generator) -> bool:

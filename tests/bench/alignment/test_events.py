@@ -22,23 +22,11 @@ from sim_backend.pixel.effects import ComparatorDelay, PhotoreceptorBandwidth, S
 from sim_backend.pixel.engines import ReferenceEngine
 from sim_backend.pixel.light import LightHistory
 from sim_backend.pixel.model import PixelModel
+from tests.bench.alignment.edge_support import SENSOR
 
 if TYPE_CHECKING:
     from protocols.stimulus import Stimulus
 
-SENSOR = Sensor(
-    pixels=100,
-    theta_on=0.3,
-    theta_off=0.25,
-    mismatch=0.1,
-    threshold_noise=0.02,
-    pole_s=1e-4,
-    dead_s=1e-3,
-    delay_s=4e-5,
-    jitter_s=2e-5,
-    background_hz=1.0,
-    rise_tau_s=1e-3,
-)
 PERIOD_S = 0.2
 SQUARE = square_edges(period_s=PERIOD_S, duty=0.5, low_lux=10.0, high_lux=20.0, cycles=30, first_edge_s=0.2)
 FIVE_TIMES = Preamble(math.log(5.0))

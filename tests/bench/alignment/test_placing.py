@@ -12,29 +12,17 @@ import pytest
 from bench.alignment.counts import EventCounts
 from bench.alignment.latency import Answering
 from bench.alignment.placing import PlacedEdges, Taken, place_edges
-from benchmarks.edge_alignment import Sensor, Truth, recorded
+from benchmarks.edge_alignment import Truth, recorded
 from protocols.points import Preamble
 from protocols.preamble import with_preamble
 from protocols.waveforms import constant_light, square_edges
+from tests.bench.alignment.edge_support import SENSOR
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from protocols.stimulus import Stimulus
 
-SENSOR = Sensor(
-    pixels=100,
-    theta_on=0.3,
-    theta_off=0.25,
-    mismatch=0.1,
-    threshold_noise=0.02,
-    pole_s=1e-4,
-    dead_s=1e-3,
-    delay_s=4e-5,
-    jitter_s=2e-5,
-    background_hz=1.0,
-    rise_tau_s=1e-3,
-)
 SQUARE = square_edges(period_s=0.2, duty=0.5, low_lux=10.0, high_lux=20.0, cycles=20, first_edge_s=0.2)
 MARKED = with_preamble(SQUARE, Preamble(math.log(5.0)))
 TRUTH = Truth(offset_s=0.234, rate=50e-6, duration_s=7.0)

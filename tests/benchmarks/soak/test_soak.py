@@ -25,7 +25,7 @@ def nobody(text: str) -> None:
 def test_kills_at_every_place_lose_nothing(tmp_path: Path) -> None:
     found = kill_and_resume(tmp_path / "kills", len(PLACES), 3, nobody)
     assert found.problems == []
-    assert dict(found.places) == dict.fromkeys(PLACES, 1)
+    assert set(found.places) == set(PLACES)
 
 
 @pytest.mark.slow
