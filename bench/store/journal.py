@@ -13,7 +13,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-__all__ = ["POINT_STATES", "RUN_STATES", "JournalEntry", "attempts", "last_done", "read_journal", "skipped"]
+__all__ = [
+    "POINT_STATES",
+    "RUN_STATES",
+    "JournalEntry",
+    "attempts",
+    "entry_of",
+    "last_done",
+    "read_journal",
+    "skipped",
+]
 
 POINT_STATES: Final = ("planned", "started", "done", "failed", "skipped", "rejected")
 RUN_STATES: Final = ("run_started", "paused", "resumed", "suspended", "run_finished", "run_aborted")
@@ -50,7 +59,7 @@ def read_journal(path: Path) -> list[JournalEntry]:
     for number, line in enumerate(lines):
         if not line.strip():
             continue
-        entry = _entry(line)
+        entry = entry_of(line)
         if entry is not None:
             entries.append(entry)
         elif number != last:
@@ -58,7 +67,7 @@ def read_journal(path: Path) -> list[JournalEntry]:
     return entries
 
 
-def _entry(line: bytes) -> JournalEntry | None:
+def entry_of(line: bytes) -> JournalEntry | None:
     """Return the entry that `line` holds, None if it is damaged."""
     try:
         content = json.loads(line)

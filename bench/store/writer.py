@@ -21,6 +21,7 @@ from bench.store.journal import POINT_STATES, RUN_STATES, attempts, last_done, r
 from bench.store.point_writer import PointWriter, cannot_write
 from bench.store.run import sha256_of
 from bench.store.signals import signals_later
+from bench.store.writer_lock import is_written
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,6 +50,9 @@ def is_being_written(folder: Path) -> bool:
         If there is no journal that can be read.
     """
     path = folder / layout.JOURNAL_FILE
+    told = is_written(path)
+    if told is not None:
+        return told
     try:
         with path.open("rb") as journal:
             lock_file(journal.fileno())

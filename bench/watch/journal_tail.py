@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import os
 from typing import TYPE_CHECKING, Any
 
-from bench.store.journal import JournalEntry
+from bench.store.journal import JournalEntry, entry_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -79,28 +78,16 @@ class JournalTail:
         self._lines += 1
         if not line.strip():
             return
-        entry = _entry(line)
-        if entry is None:
+        entry = entry_of(line)
+        if entry is None or not _is_sound(entry):
             self.damaged.append(self._lines)
         else:
             self.entries.append(entry)
 
 
-def _entry(line: bytes) -> JournalEntry | None:
-    """Return the entry that a line holds, None if it holds none."""
-    try:
-        content = json.loads(line)
-    except (ValueError, RecursionError):
-        return None
-    if not isinstance(content, dict) or not isinstance(content.get("state"), str):
-        return None
-    point, attempt = content.get("point"), content.get("attempt", 1)
-    if not (point is None or _is_count(point)) or not _is_count(attempt):
-        return None
-    texts = {key: None if content.get(key) is None else str(content[key]) for key in ("file", "sha256", "reason")}
-    return JournalEntry(
-        state=content["state"], point=point, t=str(content.get("t", "")), attempt=attempt, everything=content, **texts
-    )
+def _is_sound(entry: JournalEntry) -> bool:
+    """Return whether point and attempt are numbers that can be."""
+    return (entry.point is None or _is_count(entry.point)) and _is_count(entry.attempt)
 
 
 def _is_count(value: object) -> bool:

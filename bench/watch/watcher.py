@@ -16,12 +16,12 @@ from bench.store.errors import RunError
 from bench.store.header import read_header
 from bench.store.journal import JournalEntry
 from bench.store.layout import JOURNAL_FILE, POINTS_FOLDER, RUN_FILE
+from bench.store.writer_lock import is_written
 from bench.watch.counter import Counter
 from bench.watch.document import Seen, document
 from bench.watch.history import History, history_of
 from bench.watch.journal_tail import JournalTail
 from bench.watch.planned import planned_looks
-from bench.watch.writer_lock import is_written
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bench.watch import writer_lock
-from bench.watch.writer_lock import is_written
+from bench.store import writer_lock
+from bench.store.writer_lock import is_written
 
 if TYPE_CHECKING:
     from collections.abc import Callable
