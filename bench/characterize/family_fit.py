@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.analysis.results import Estimate
-from bench.characterize.family_model import Family, expected
+from bench.characterize.family_model import Expected, Family, expected
 from bench.characterize.normal import as_estimate
 
 if TYPE_CHECKING:
@@ -33,9 +33,10 @@ __all__ = ["NAMES", "FamilyFit", "Known", "fit_family"]
 NAMES: Final = tuple(field.name for field in fields(Family))
 #: Latencies hold more than the low-pass: they are believed to this part of them at the best.
 _LATENCY_BELIEVED: Final = 0.01
-_MOST_STEPS: Final = 15
-_REACH: Final = 12.0  # of a step of the fit, in scales
-_LITTLE: Final = 0.05  # of chi-square: a fit that promises no more is there
+_MOST_STEPS: Final = 40
+_REACH, _FARTHEST = 4.0, 12.0  # of a step of the fit, in scales: of the first one, and at the most
+_LITTLE: Final = 0.01  # of chi-square: a fit that promises no more is there
+_KEPT: Final = 0.5  # of the promised fall: derivatives that did no better are worked out again
 #: A share is expected no better than a threshold that is off by this part of the noise lets it.
 _BELIEVED: Final = 0.005
 _ARMED_ROUNDS: Final = 3
@@ -110,6 +111,7 @@ class _Problem:
     def __init__(self, levels: Sequence[Level], known: Known, start: Family, free: Sequence[str]) -> None:
         self.levels, self.known, self.start, self.free = levels, known, start, tuple(free)
         self.pixels = levels[0].share.shape[0]
+        self._seen: dict[tuple[int, Family], Expected] = {}
         self.own, self.latency, self.latency_chance = self._measured()
         self.latency_sd = np.hypot(self.latency_chance, _LATENCY_BELIEVED * self.latency)
         self.mean = self.own.mean(axis=0)
@@ -129,7 +131,7 @@ class _Problem:
 
     def expect(self, family: Family) -> tuple[Floats, Floats, Floats]:
         """Return what is expected of the means (s,), of the latencies (k,), and the variance of one pixel's share."""
-        seen = [expected(level, family, self.known.other_ratio) for level in self.levels]
+        seen = [self._expected(number, family) for number in range(len(self.levels))]
         share = np.concatenate(
             [_armed(level, one.share) * one.share for level, one in zip(self.levels, seen, strict=True)]
         )
@@ -142,9 +144,17 @@ class _Problem:
         # Of the products of one level only chance: mismatch shows above it.
         return (
             np.concatenate([share, [one.frozen for one in seen]]),
-            np.concatenate([one.latency_s for one in seen]),
+            np.concatenate([one.latency_s for one in seen]) + family.delay_s,
             variance,
         )
+
+    def _expected(self, number: int, family: Family) -> Expected:
+        """Return what a level shows without a delay; a sensor that looks the same there is not worked out again."""
+        level = self.levels[number]
+        alike = replace(family, delay_s=0.0, filter_od=family.filter_od if level.key.nd_od > 0.0 else 0.0)
+        if (number, alike) not in self._seen:
+            self._seen[number, alike] = expected(level, alike, self.known.other_ratio)
+        return self._seen[number, alike]
 
     def weigh(self, family: Family) -> None:
         """Let each mean count by the scatter that a sensor lets expect."""
@@ -190,47 +200,68 @@ class _Problem:
         late = pull[s : s + k] * np.sqrt(1.0 - (self.latency_chance / self.latency_sd) ** 2)[:, None]
         return np.asarray((pull[:s].T * self.law) @ pull[:s] + late.T @ late)
 
+    def means(self, x: Floats) -> Floats:
+        """Return (s + k,) what is expected of the means and of the latencies."""
+        return np.concatenate(self.expect(self.family(x))[:2])
+
     def residuals(self, x: Floats) -> Floats:
         """Return what is measured less what is expected, in standard errors; then what is known beforehand."""
-        mean, latency, _ = self.expect(self.family(x))
-        off = (self.mean - mean) * np.sqrt(self.weight)
-        late = (self.latency - latency) / self.latency_sd
-        prior = []
-        if "filter_od" in self.free and math.isfinite(self.known.filter_sd):
-            prior = [-x[self.free.index("filter_od")] / self.known.filter_sd]
-        return np.concatenate([off, late, prior])
+        off = (np.concatenate([self.mean, self.latency]) - self.means(x)) * self._by_error()
+        return np.concatenate([off, -x[self._told()] / self.known.filter_sd])
+
+    def jacobian(self, slopes: Floats) -> Floats:
+        """Return (r, f) the derivatives of the residuals, from those of what is expected."""
+        told = np.eye(slopes.shape[1])[self._told()]
+        return np.concatenate([-slopes * self._by_error()[:, None], -told / self.known.filter_sd])
+
+    def _by_error(self) -> Floats:
+        return np.concatenate([np.sqrt(self.weight), 1.0 / self.latency_sd])
+
+    def _told(self) -> list[int]:
+        """Return the places of the numbers that are known beforehand to be about 0."""
+        known = "filter_od" in self.free and math.isfinite(self.known.filter_sd)
+        return [self.free.index("filter_od")] if known else []
 
 
 def fit_family(levels: Sequence[Level], known: Known, start: Family, free: Sequence[str] = NAMES) -> FamilyFit:
-    """Fit the numbers named in `free` to the curves of one polarity; the others stay as in `start`."""
+    """Fit the numbers named in `free` to the curves of one polarity; the others stay as in `start`.
+
+    Derivatives are dear. They are brought forward from step to step by what the step itself showed (C. G. Broyden,
+    "A class of methods for solving nonlinear simultaneous equations", Math. Comp. 19, 1965), and worked out again
+    where a step did not keep its promise, and before the fit is called done.
+    """
     problem = _Problem(levels, known, start, free)
     x = np.array([getattr(start, name) for name in free])
     scale = np.array([_scale(name, start) for name in free])
+    slopes, worked_out, reach = _slopes(problem, x, scale), True, _REACH
     for _ in range(_MOST_STEPS):
-        jacobian, residual = _jacobian(problem, x, scale), problem.residuals(x)
-        to, promised = _next(problem, x, scale, jacobian, residual)
-        x, fell = _downhill(problem, x, to, residual)
-        problem.weigh(problem.family(x))
-        if promised < _LITTLE or fell < _LITTLE:
+        to, promised = _next(problem, x, reach * scale, problem.jacobian(slopes), problem.residuals(x))
+        at, fell = _downhill(problem, x, to) if promised > _LITTLE else (x, 0.0)
+        if worked_out and fell < _LITTLE:
             break
+        worked_out = fell < _KEPT * promised
+        reach = max(0.5 * reach, 1.0) if worked_out else min(2.0 * reach, _FARTHEST)
+        slopes = _slopes(problem, at, scale) if worked_out else _learned(problem, slopes, (x, at), scale)
+        x = at
+        problem.weigh(problem.family(x))
     return _result(problem, x, scale)
 
 
 def _next(
-    problem: _Problem, x: Floats, scale: Floats, jacobian: Floats, residual: Floats
+    problem: _Problem, x: Floats, reach: Floats, jacobian: Floats, residual: Floats
 ) -> tuple[Floats, float]:  # fmt: skip
     """Return where a straight-line model has its least squares, within bounds and reach, and by how much less."""
     from scipy.optimize import lsq_linear
 
     low, high = _bounds(problem)
-    reach = _REACH * scale
-    down, up = np.maximum(low - x, -reach) / scale, np.minimum(high - x, reach) / scale
-    step = lsq_linear(jacobian * scale, -residual, (down - _TINY, up + _TINY))
-    return x + step.x * scale, float(residual @ residual) - 2.0 * float(step.cost)
+    down, up = np.maximum(low - x, -reach) / reach, np.minimum(high - x, reach) / reach
+    step = lsq_linear(jacobian * reach, -residual, (down - _TINY, up + _TINY))
+    return x + step.x * reach, float(residual @ residual) - 2.0 * float(step.cost)
 
 
-def _downhill(problem: _Problem, x: Floats, to: Floats, residual: Floats) -> tuple[Floats, float]:
+def _downhill(problem: _Problem, x: Floats, to: Floats) -> tuple[Floats, float]:
     """Return the end of a step, shortened until it goes downhill, and by how much chi-square fell."""
+    residual = problem.residuals(x)
     before = float(residual @ residual)
     for part in (1.0, 0.4, 0.15, 0.05):
         at = x + part * (to - x)
@@ -270,17 +301,25 @@ def _scale(name: str, start: Family) -> float:
     }[name]
 
 
-def _jacobian(problem: _Problem, x: Floats, scale: Floats) -> Floats:
-    """Return (r, f) the derivatives of the residuals."""
-    here = problem.residuals(x)
+def _slopes(problem: _Problem, x: Floats, scale: Floats) -> Floats:
+    """Return (s + k, f) the derivatives of what is expected."""
+    here = problem.means(x)
     steps = _STEP * scale
     return np.stack(
-        [(problem.residuals(x + np.eye(x.size)[i] * steps[i]) - here) / steps[i] for i in range(x.size)], axis=1
+        [(problem.means(x + np.eye(x.size)[i] * steps[i]) - here) / steps[i] for i in range(x.size)], axis=1
     )
 
 
+def _learned(problem: _Problem, slopes: Floats, step: tuple[Floats, Floats], scale: Floats) -> Floats:
+    """Return derivatives that would have foretold a step from one place to the next: Broyden's, by the scales."""
+    before, after = step
+    moved = (after - before) / scale
+    missed = problem.means(after) - problem.means(before) - slopes @ (after - before)
+    return np.asarray(slopes + np.outer(missed / float(moved @ moved), moved / scale))
+
+
 def _result(problem: _Problem, x: Floats, scale: Floats) -> FamilyFit:
-    jacobian = _jacobian(problem, x, scale)
+    jacobian = problem.jacobian(_slopes(problem, x, scale))
     residual = problem.residuals(x)
     # By the scale of each number: squares of their units are many orders apart.
     pull = -(np.linalg.pinv(jacobian * scale, rcond=_TINY).T * scale).T  # (f, r)

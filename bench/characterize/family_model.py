@@ -134,9 +134,12 @@ class _Place:
 
     def expected(self, table: Survival, later_s: float) -> Expected:
         """Return what is expected from chances of no answer, all answers later by some time."""
-        level, family, sd = self._level, self._family, np.sqrt(np.abs(self._spread2))
+        level, family = self._level, self._family
+        size2 = np.maximum(np.abs(self._spread2), _NOTHING)
+        sd = np.sqrt(size2)
         conditions = Conditions(self.tau_s, level.window_s - later_s, level.reset.armed_s, level.grid_s)
-        pixels = Pixels(self._theta, self._noise, float(sd.mean()), 1.0, self._other_ratio)
+        mismatch = math.sqrt(max(float(self._spread2.mean()), 0.0))
+        pixels = Pixels(self._theta, self._noise, mismatch, 1.0, self._other_ratio)
         z, weight = gauss_nodes(_NODES)
         theta = np.maximum(self._theta + z[:, None] * sd, _LEAST_THETA * family.theta)
         chance = probability(theta * self._stretch, pixels, conditions, self._signal * self._stretch, table)
@@ -145,11 +148,11 @@ class _Place:
         way = np.sign(self._spread2)
         share = middle + way * (weight @ chance - middle)
         # Of that spread only the mismatch, of thresholds and of dark light, stays with a pixel.
-        part = way * self._frozen2 / np.maximum(np.abs(self._spread2), _NOTHING)
-        centred = (chance - weight @ chance) * np.sqrt(np.abs(part))
-        even, odd = ((centred * np.sign(part))[:, ::2].sum(axis=1), centred[:, 1::2].sum(axis=1))
+        centred = (chance - weight @ chance) * np.sqrt(np.abs(self._frozen2) / size2)
+        sign = np.sign(self._frozen2)
+        even, odd = (centred * sign)[:, ::2].sum(axis=1), centred[:, 1::2].sum(axis=1)
         frozen = float(weight @ (even * odd))
-        spread = np.where(part > 0.0, weight @ centred**2, 0.0)
+        spread = np.where(sign > 0.0, weight @ centred**2, 0.0)
         latency_s = _latencies(pixels, conditions, self._signal[level.timed], self._stretch[level.timed], table)
         return Expected(share, spread, frozen, latency_s + later_s + family.delay_s)
 

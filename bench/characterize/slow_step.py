@@ -5,7 +5,7 @@ Measured from the level at which it will settle, in units of the noise and of th
 ``dy = -(y + C e^(-t/rho)) dt + sqrt(2) dW`` instead of the ``dy = -y dt + sqrt(2) dW`` of
 :mod:`bench.analysis.first_passage`: the same start, the same barrier that does not move, and a push that dies away.
 There is no universal table of it; the chance of no answer is worked out for the steps at hand, at a few barriers, and
-interpolated between them on a probability scale.
+interpolated between them on a scale of hazards.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["SlowStep", "reached", "slow_step"]
 
-_LONGEST: Final = 1.5  # step of time, units of tau
+_LONGEST: Final = 1.5  # step of time, units of tau; late ones grow with the time
+_EARLY: Final = 12.0
+_GROW: Final = 20.0
 _MOVED: Final = 0.5  # by which the mean output moves in a step of time at the most, sigma
 _BARRIERS: Final = np.linspace(-5.5, 5.5, 12)  # `LANES` of them, around the one that half of the pixels reach, sigma
 _HALF: Final = 2.2  # by which that lies above the highest mean output, about
@@ -90,22 +92,31 @@ def reached(time: float | Floats, lag: Floats) -> Floats:
 def _times(end: float, lag: float, step: float) -> Floats:
     """Return times, close together while the output of the largest, fastest step moves."""
     fine = np.linspace(0.0, end, _FINE)
-    moved = step * reached(fine, np.asarray(lag)) / _MOVED + fine / _LONGEST
+    moved = step * reached(fine, np.asarray(lag)) / _MOVED + np.minimum(fine, _EARLY) / _LONGEST
+    moved += _GROW * np.log1p(np.maximum(fine - _EARLY, 0.0) / (_GROW * _LONGEST))
     # Chances are even early on, and hardly change before the output moves: the first step may be like the others.
     count = math.ceil(float(moved[-1]))
     return np.interp(np.linspace(0.0, float(moved[-1]), count + 1), moved, fine)
 
 
 def _on_barriers(known: Floats, nodes: Floats, left: Floats) -> Floats:
-    """Return (m, h, t) chances on the barriers `known`, from those (m, n, t) at the equally spaced nodes (m, n)."""
+    """Return (m, h, t) chances on the barriers `known`, from those (m, n, t) at the equally spaced nodes (m, n).
+
+    What is interpolated is the logarithm of the cumulative hazard, ``ln(-ln S)``. Late, that is ``ln(rate t)``, in
+    which the barrier goes about as its square however small S is.
+    """
     from scipy.special import ndtr, ndtri
 
-    score = ndtri(np.clip(left, _SMALL, 1.0 - _SMALL))
+    hazard = np.log(-np.log(np.clip(left, _SMALL, 1.0 - _SMALL)))
     place = (known - nodes[:, :1]) / (nodes[0, 1] - nodes[0, 0])
     inside = np.clip(place, 0.0, nodes.shape[1] - 1.0)
+    found = np.exp(-np.exp(_unit_splines(nodes.shape[1])(inside) @ hazard))
     # Beyond the nodes one sigma of the barrier is one of the score: all the more certain.
     beyond = (place - inside) * (nodes[0, 1] - nodes[0, 0])
-    return np.asarray(ndtr(_unit_splines(nodes.shape[1])(inside) @ score + beyond[:, :, None]))
+    outside = beyond != 0.0
+    score = ndtri(np.clip(found[outside], _SMALL, 1.0 - _SMALL))
+    found[outside] = ndtr(score + beyond[outside][:, None])
+    return np.asarray(found)
 
 
 @lru_cache(maxsize=2)

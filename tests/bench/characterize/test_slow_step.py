@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.first_passage import grid_shift, survival_table
+from bench.characterize import slow_step
 from bench.characterize.slow_step import SlowStep
 
 
@@ -42,6 +43,17 @@ def test_paths_drawn_by_hand_are_answered_as_often() -> None:
     error = np.sqrt(chance * (1.0 - chance) / paths)
     assert np.all(np.abs(left - chance) < 4.0 * error + 0.02)
     assert np.all(np.diff(shifted.from_steps(end, np.array([step]))[0][places]) > 0.0)
+
+
+@pytest.mark.parametrize(("end", "lag"), [(20.0, 0.3), (60.0, 5.0), (400.0, 20.0)])
+def test_steps_of_time_are_short_enough(monkeypatch: pytest.MonkeyPatch, end: float, lag: float) -> None:
+    step, lags = np.array([3.0, 8.0, 14.0]), np.full(3, lag)
+    found = SlowStep(step, lags, end).from_steps(end, step)
+    for name, value in (("_LONGEST", 0.1), ("_MOVED", 0.05), ("_EARLY", math.inf)):
+        monkeypatch.setattr(slow_step, name, value)
+    fine = SlowStep(step, lags, end).from_steps(end, step)
+    # What a threshold that is off by 0.005 of the noise would change, where the curve is steepest: 0.002.
+    assert np.abs(found - fine).max() < 0.005
 
 
 def test_a_slower_photoreceptor_leaves_more_unanswered() -> None:
