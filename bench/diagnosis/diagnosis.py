@@ -18,7 +18,7 @@ from bench.diagnosis.catalogue import RARE, TWINS, are_the_same, candidates
 from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import deviance, excess, freedom, step_of
-from bench.diagnosis.likeness import closest, separation
+from bench.diagnosis.likeness import closest, nearer, separation
 from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import Found, needless, refitted
 from bench.diagnosis.remainder import remainder_of
@@ -72,6 +72,8 @@ _TIED: Final = 2.0
 _IN_A_TIE: Final = 3
 #: and it is only proposed in place of the best when its fit is about as good.
 _AS_GOOD: Final = 1.1
+#: Deviances of two fitted models that differ by fewer standard deviations may differ by the chance of simulations.
+_ABOUT: Final = 4.0
 #: Two effects are only confused when one explains at least so much of what the other does.
 _AS_WELL: Final = 0.5
 #: The loss, in which large residuals count by their size, falls by so much, too.
@@ -359,6 +361,7 @@ class Diagnosis:
         found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
         if not found or (far_off and self._share(state, found[0]) < _WORTH):
             return
+        found = self._with_the_nearest_first(found)
         best = found[0]
         refused = {f.effect for f in refitted} - {f.effect for f in found}
         rivals = [name for name in shortlist if name not in refused] if far_off else ()
@@ -369,6 +372,17 @@ class Diagnosis:
         alike = tied if excess(self.problem, best.fit) <= _EXPLAINED else (*tied, TWINS.get(best.effect, best.effect))
         state.proposal = next((name for name in alike if name not in RARE and name in good), best.effect)
         state.tied = tuple(name for name in tied if name != state.proposal)
+
+    def _with_the_nearest_first(self, found: Sequence[Found]) -> list[Found]:
+        """Return fitted models; first the one to which the run is nearest, of those about as good as the best.
+
+        Their deviances are no more different than the chance of the simulations.
+        """
+        best = found[0]
+        for other in found[1:]:
+            if other.deviance - best.deviance < _ABOUT * math.sqrt(2.0 * freedom(best.fit)):
+                best = other if nearer(self.problem, best, other, self._seed + 51) > 0.0 else best
+        return [best, *(one for one in found if one is not best)]
 
     def _refitted(self, state: _State, effect_ids: Sequence[str]) -> list[Found]:
         """Return the models with one of these effects more, the most promising of them fitted."""

@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["closest", "separation"]
+__all__ = ["closest", "nearer", "separation"]
 
 _EFFORT: Final = 2.0
+#: No residual of the sum of two counts for more standard errors.
+_MOST: Final = 10.0
 #: Standard errors of a separation that are taken off.
 _SURELY: Final = 2.0
 #: Sizes at which an effect may come closest to another, beside that of the catalogue, with little effort; then steps
@@ -48,6 +50,22 @@ def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
     models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
     basis = basis_of(one.fit, problem, without=one.effect)
     return _surely(_apart(problem, one, basis, [models], seed, _EFFORT)[0])
+
+
+def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
+    """Return by how much the run is nearer to another fitted model than to the first: as a fall of the deviance.
+
+    The deviances of two models differ by the chance of all statistics in both simulations. Along the line from one
+    model to the other there is hardly any: so far and no further are the residuals of both looked at (D. R. Cox,
+    "Tests of separate families of hypotheses", Proc. 4th Berkeley Symp. Math. Statist. Prob., 1961).
+    """
+    fit, points = one.fit, problem.measured.points
+    basis = basis_of(fit, problem, without=one.effect)
+    models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
+    apart = _apart(problem, one, basis, [models], seed, _EFFORT)[0].mean(axis=0)
+    both = fit.whiten(fit.residual + other.fit.residual, points)
+    left = beyond(basis, extended(fit, both[:, None]))[:, 0]
+    return float(np.clip(left, -_MOST, _MOST) @ apart) / fit.common
 
 
 def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> float:

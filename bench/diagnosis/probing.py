@@ -15,6 +15,7 @@ import numpy as np
 from bench.diagnosis.catalogue import probe_of, switches
 from bench.diagnosis.judging import deviance, freedom
 from bench.diagnosis.looks import delays, later
+from bench.diagnosis.screen import basis_of, beyond, extended
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.parameters import Free
-    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.problem import Change, Problem
     from sim_backend.pixel.effects.base import Effect
 
     Floats = npt.NDArray[np.float64]
@@ -48,6 +49,11 @@ _FIRST: Final = 0.25
 _GROSS: Final = 60.0
 _SMALLER: Final = 0.15
 _ABOUT: Final = 3.0
+#: An effect that stands out of chance by fewer standard errors is tried at so many times its size.
+_CLEARLY: Final = 4.0
+_GROWTH: Final = 4.0
+#: Half of the squares of standard normal numbers are smaller.
+_MEDIAN_SQUARE: Final = 0.455
 _TRIALS: Final = 4
 _MOST: Final = 5.0
 #: Standard errors by which a probe moves all statistics, at the least; sizes beside those of the catalogue.
@@ -80,6 +86,7 @@ def well_sized(
     seen
         How well effects are seen, as far as that is known; what is found out is added.
     """
+    basis = basis_of(fit, problem)
     found: dict[str, Probe] = {}
     left = {e: sizes_for(problem, fit, e, seen) for e in effects}
     for _ in range(_TRIALS):
@@ -87,13 +94,17 @@ def well_sized(
         again = {}
         for one, (effect, sizes) in zip(probes, left.items(), strict=True):
             found[effect.id] = one
-            looks = [seen_of(*one.change[:, :, i]) for i in range(len(sizes))]
+            # What the free numbers take up is not seen: slow noise beside noise that is free, for one.
+            halves = [beyond(basis, extended(fit, half)) for half in one.change]
+            looks = [seen_of(*(half[:, i] for half in halves)) for i in range(len(sizes))]
+            clear = [stands_out(*(half[:, i] for half in halves)) for i in range(len(sizes))]
             seen |= {(f.owner, f.name): n / size for f, n, size in zip(one.free, looks, sizes, strict=True)}
             wanted = sizes_for(problem, fit, effect, seen)
             # What is gross is seen even better than it looks: no statistic counts for more than a few.
+            # What may be chance is looked at in a larger size.
             others = tuple(
-                min(new, _SMALLER * size) if n > _GROSS else new
-                for new, size, n in zip(wanted, sizes, looks, strict=True)
+                min(new, _SMALLER * size) if n > _GROSS else new if sure else min(_GROWTH * size, _LARGEST)
+                for new, size, n, sure in zip(wanted, sizes, looks, clear, strict=True)
             )
             if any(not 1.0 / _ABOUT <= size / new <= _ABOUT for size, new in zip(sizes, others, strict=True)):
                 again[effect] = others
@@ -110,6 +121,12 @@ def seen_of(a: Floats, b: Floats) -> float:
     """
     chance = float(np.sum((a - b) ** 2)) / (2.0 * math.sqrt(len(a)))
     return math.sqrt(max(float(np.sum(np.clip(a * b, -(_MOST**2), _MOST**2))), chance))
+
+
+def stands_out(a: Floats, b: Floats) -> bool:
+    """Return whether two sensors agree about an effect by more than chance."""
+    chance = float(np.sum((a - b) ** 2)) / (2.0 * math.sqrt(len(a)))
+    return float(a @ b) > _CLEARLY * chance
 
 
 def sizes_for(
@@ -164,31 +181,45 @@ def closer(
     return probes_at(problem, fit, wanted, seed, effort)
 
 
-def reliable(problem: Problem, fit: Fit, both: Floats, *, whole: bool = False) -> Floats:
+def reliable(problem: Problem, fit: Fit, change: Change, *, whole: bool = False) -> Floats:
     """Return the change of all statistics in two sensors, (2, n), less of it where it is mostly chance.
 
     An effect shows in some views, at some lights, and everywhere else there is nothing but the chance of the
     simulation. What both sensors have in common tells how much of a family of statistics is to be believed.
 
+    A family of one or two may agree by chance. So nothing is believed to be sharper than it is as a rule: how sharp
+    follows from the scatter of a recording and their number, and from how much of it the same random numbers leave.
+
     Source: W. James, C. Stein, "Estimation with quadratic loss", Proc. 4th Berkeley Symp. Math. Statist. Prob.
     (1961), for each family, or for all statistics as a `whole`.
     """
-    a, b = np.where(fit.known, both / fit.deviation, 0.0)
+    a, b = np.where(fit.known, change.halves / fit.deviation, 0.0)
     family = np.zeros_like(problem.measured.families) if whole else problem.measured.families
-    common, mean = (np.bincount(family, weights=w) for w in (a * b, (0.5 * (a + b)) ** 2))
-    believed = np.clip(np.divide(common, mean, out=np.zeros_like(common), where=mean > 0.0), 0.0, 1.0)
-    return np.asarray(both * believed[family])
+    usual = np.where(a != b, _left_of_chance(a, b, change.recordings), 0.0)
+    mean, own, least = (np.bincount(family, weights=w) for w in ((0.5 * (a + b)) ** 2, (0.5 * (a - b)) ** 2, usual))
+    chance = np.maximum(own, least)
+    believed = np.clip(1.0 - np.divide(chance, mean, out=np.ones_like(mean), where=mean > 0.0), 0.0, 1.0)
+    return np.asarray(change.halves * believed[family])
 
 
-def _with_known(problem: Problem, fit: Fit, free: Free, coordinate: float, both: Floats) -> Floats:
+def _left_of_chance(a: Floats, b: Floats, recordings: float) -> float:
+    """Return the usual variance of the mean of two differences, in that of a recording: see :func:`reliable`."""
+    unlike = (a - b)[a != b] ** 2
+    if not unlike.size:
+        return 0.0
+    # Half of the squares of normal numbers are below 0.455 of their variance. Each half has chance from both ends.
+    return min(0.25 * float(np.median(unlike)) / _MEDIAN_SQUARE, 1.0 / recordings)
+
+
+def _with_known(problem: Problem, fit: Fit, free: Free, coordinate: float, change: Change) -> Floats:
     """Return the reliable change of all statistics; what is known of it is no matter of chance.
 
     Beside that there is hardly anything: the rest is to be believed as a whole, or not.
     """
     if not delays(free):
-        return reliable(problem, fit, both)
+        return reliable(problem, fit, change)
     known = coordinate * later(problem, fit)
-    return np.asarray(known + reliable(problem, fit, both - known, whole=True))
+    return np.asarray(known + reliable(problem, fit, change._replace(halves=change.halves - known), whole=True))
 
 
 def _coordinate(free: Free, factor: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -89,6 +89,13 @@ def _by_eye(points: Sequence[PointData]) -> dict[str, dict[str, float]]:
     if outlying is not None:
         found["hot_pixels"] = {"rate_hz": outlying}
     return found
+
+
+class Change(NamedTuple):
+    """How expected values differ between two models."""
+
+    halves: Floats  #: (2, n) of two sensors
+    recordings: float  #: simulated ones behind each, of all pixels
 
 
 @dataclass(frozen=True)
@@ -195,8 +202,8 @@ class Problem:
 
     def changes(
         self, base: Sequence[PixelModel], models: Sequence[Sequence[PixelModel]], seed: int, effort: float
-    ) -> Iterator[Floats]:
-        """Yield for each model (2, n) how its expected values differ from those of the base model, for two sensors.
+    ) -> Iterator[Change]:
+        """Yield for each model how its expected values differ from those of the base model, for two sensors.
 
         Both are simulated with the same random numbers, and of equally many pixels.
         """
@@ -208,12 +215,11 @@ class Problem:
         array = np.array([label.of_array for label in self.measured.labels], dtype=np.bool_)
         for there in simulated:
             here = known[len(there), there[0].share]
-            halves = np.stack(
-                [self.expect(there[half::2]).value - self.expect(here[half::2]).value for half in range(2)]
-            )
+            pairs = [(self.expect(there[half::2]), self.expect(here[half::2])) for half in range(2)]
+            halves = np.stack([np.where(t.scatter.few | h.scatter.few, 0.0, t.value - h.value) for t, h in pairs])
             if there[0].share < 1.0:
                 halves[:, array] = 0.0
-            yield halves
+            yield Change(halves, 0.5 * len(there) * there[0].share)
 
     def start(self, model: PixelModel, *, by_eye: bool = True) -> list[float]:
         """Return the coordinates of a model's free numbers; of the base pixel perhaps what the curves show by eye."""

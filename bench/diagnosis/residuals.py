@@ -178,6 +178,12 @@ class Scatter:
         self._of, self._summaries, self._ratio, self._share = of, summaries, ratio, share
 
     @cached_property
+    def few(self) -> Flags:
+        """(n,) means over too few simulated events to say anything, not even how much they scatter."""
+        events = np.concatenate([s.bottom for s in self._summaries])
+        return np.asarray(self._of.kinds.mean & (events < _FEWEST_EVENTS))
+
+    @cached_property
     def covariance(self) -> tuple[Floats, ...]:
         """(k, k) of each point, transformed."""
         of, kinds = self._of, self._of.kinds

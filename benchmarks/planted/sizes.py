@@ -3,7 +3,8 @@
 The expectation of the truth with the effect stands for the measurement, and that of the truth without it for the
 model; the base pixel's numbers take up what they can, along the changes that they make. Simulated expectations are
 uncertain, and the square of a difference would count that as size: the product of two differences from sensors that
-have nothing in common does not.
+have nothing in common does not. What is still uncertain is told by how the two differ; an effect that does not stand
+out of it is made larger until it does, and the size found goes down by as much: small effects are straight lines.
 """
 
 from __future__ import annotations
@@ -35,10 +36,11 @@ if TYPE_CHECKING:
     from bench.store.data import PointData
     from benchmarks.planted.cases import Case
     from sim_backend.pixel import PixelModel
+    from sim_backend.pixel.effects.base import Effect
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Sizes", "fall", "sizes_of"]
+__all__ = ["Sizes", "fall", "sizes_of", "uncertainty"]
 
 _STEP_S: Final = 2e-5
 #: Two sets of so many sensors; sets share no random numbers, models within a set share all of them.
@@ -48,6 +50,9 @@ _SETS: Final = 2
 _OTHERS: Final = 2
 #: Events and stimulus are known to be no further apart than this.
 _TIMING_US: Final = 10
+#: An effect whose fall stands out by fewer standard errors is made larger, by this factor, so many times in all.
+_CLEARLY: Final = 6.0
+_LARGER, _LARGEST = 4.0, 256.0
 _SLOW: Final = frozenset({"high_pass"})
 _QUARTER: Final = Roi(ROI.x, ROI.y, ROI.width // 2, ROI.height // 2)
 
@@ -115,12 +120,16 @@ class _Truth:
         parts = [root @ values[where] for root, where in zip(self._roots, self.of.points, strict=True)]
         return np.concatenate(parts)
 
-    def apart(self, model: PixelModel) -> tuple[Floats, Floats]:
-        """Return the truth less another model, from each set."""
+    def apart(self, model: PixelModel, truth: PixelModel | None = None) -> tuple[Floats, Floats]:
+        """Return the truth, or another one in its place, less a model, from each set."""
         first, second = (
-            self.whiten(mine - self.value(self.bench.see(model, s, _SENSORS))) for s, mine in enumerate(self._values)
+            self.whiten((mine if truth is None else self._seen(truth, s)) - self._seen(model, s))
+            for s, mine in enumerate(self._values)
         )
         return first, second
+
+    def _seen(self, model: PixelModel, of_set: int) -> Floats:
+        return self.value(self.bench.see(model, of_set, _SENSORS))
 
     def changes(self, model: PixelModel, others: Sequence[PixelModel], steps: Sequence[float]) -> Floats:
         """(n, k) change from a model to each of the others, by unit of its step."""
@@ -152,12 +161,45 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
     nearest: tuple[str | None, float | None] = None, None
     for effect_id in case.planted:
         rest = case.model.without(effect_id)
-        first, second = truth.apart(rest)
+        apart = truth.apart(rest)
         base, prior = _base_changes(truth, rest)
-        size[effect_id] = truth.bench.scale * _root(fall(first, second, base, prior))
+        size[effect_id] = truth.bench.scale * _size(truth, rest, case.model.effect(effect_id), apart, base, prior)
         if mimics:
-            nearest = _nearest(truth, rest, effect_id, base, prior, (first, second))
+            nearest = _nearest(truth, rest, effect_id, base, prior, apart)
     return Sizes(size, *nearest)
+
+
+def _size(
+    truth: _Truth, rest: PixelModel, effect: Effect | None, apart: tuple[Floats, Floats], base: Floats, prior: Floats
+) -> float:  # fmt: skip
+    """Return the root of the fall, of an effect that is large enough to tell, by how much larger that is."""
+    factor, found = 1.0, fall(*apart, base, prior)
+    while found < _CLEARLY * uncertainty(*apart) and effect is not None and factor < _LARGEST:
+        larger = _larger(effect, factor * _LARGER)
+        if larger is None:
+            break
+        factor *= _LARGER
+        apart = truth.apart(rest, rest + larger)
+        found = fall(*apart, base, prior)
+    return _root(found) / factor
+
+
+def _larger(effect: Effect, factor: float) -> Effect | None:
+    """Return the effect at so many times the coordinates that switch it on; None: that is out of bounds."""
+    values = {}
+    for free in switches(type(effect)):
+        at = factor * free.coordinate(getattr(effect, free.field))
+        if not free.range[0] <= at <= free.range[1]:
+            return None
+        values[free.field] = free.value(at)
+    return replace(effect, **values) if values else None  # type: ignore[type-var]
+
+
+def uncertainty(first: Floats, second: Floats) -> float:
+    """Return the standard error of the product of two differences, from how the two differ."""
+    chance = 0.5 * float(np.mean((first - second) ** 2))
+    mean = 0.5 * (first + second)
+    return math.sqrt(2.0 * chance * float(mean @ mean) + len(first) * chance**2)
 
 
 def fall(first: Floats, second: Floats, columns: Floats, prior: Floats) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +11,9 @@ import pytest
 
 from bench.diagnosis.catalogue import free_of
 from bench.diagnosis.fitted import Fit
-from bench.diagnosis.likeness import closest, separation
+from bench.diagnosis.likeness import closest, nearer, separation
 from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.problem import Slot
+from bench.diagnosis.problem import Change, Slot
 from bench.diagnosis.refit import Found
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.dark_current import DarkCurrent
@@ -45,11 +46,11 @@ class FakeProblem:
 
     def changes(
         self, base: Sequence[PixelModel], models: Sequence[Sequence[PixelModel]], seed: int, effort: float
-    ) -> Iterator[Floats]:
+    ) -> Iterator[Change]:
         rng = np.random.default_rng(seed)
         for model in models:
             chance = CHANCE * rng.standard_normal((2, N))
-            yield seen(model[0]) - seen(base[0]) + chance
+            yield Change(seen(model[0]) - seen(base[0]) + chance, 1.0)
 
 
 def seen(model: PixelModel) -> Floats:
@@ -61,14 +62,14 @@ def seen(model: PixelModel) -> Floats:
     return np.asarray(20.0 * more / (more + 5.0) * DARK + 40.0 * leak * LEAK)
 
 
-def found(effect: Any) -> Found:
-    """Return a fitted model with an effect."""
+def found(effect: Any, measured: Floats | None = None) -> Found:
+    """Return a fitted model with an effect; it explains the run, or leaves what it does not."""
     slots = (Slot(base_parameters(refractory_known=True)[0]), Slot(free_of(type(effect))[0]))
     columns = np.column_stack([BASE, DARK])
     fit = Fit(
         model=PixelModel() + effect, slots=slots, x=np.zeros(2), start=np.zeros(2), value=np.zeros(N),
         ratio=np.zeros(N), roots=(np.eye(N),), deviation=np.ones(N), jacobian=np.stack([columns, columns]), scale=1.0,
-        residual=np.zeros(N),
+        residual=np.zeros(N) if measured is None else measured - seen(PixelModel() + effect),
     )  # fmt: skip
     return Found(effect.id, fit, float(N))
 
@@ -87,3 +88,17 @@ def test_another_effect_is_told_apart_in_any_size() -> None:
     # No leak at all comes closest, and leaves all that the dark current does, but for the base number's share.
     left = float(np.linalg.norm(20.0 * 2.0 / 7.0 * DARK))
     assert closest(PROBLEM, found(DarkCurrent(2.0)), Leak, seed=1) == pytest.approx(left, rel=0.1)
+
+
+@pytest.mark.parametrize("true", [0, 1])
+def test_a_run_is_nearer_to_the_model_that_made_it(true: int) -> None:
+    """The deviances differ by as much, along the line between two models, whatever else is off."""
+    effects = (DarkCurrent(0.5), Leak(0.02))
+    rng = np.random.default_rng(4)
+    measured = seen(PixelModel() + effects[true]) + rng.standard_normal(N) + 3.0 * BASE[:, 0]
+    one, other = (found(effect, measured) for effect in effects)
+    noisy = replace(other, fit=replace(other.fit, residual=other.fit.residual + 0.3 * rng.standard_normal(N)))
+    squares = [float(np.sum((seen(PixelModel() + effects[true]) - seen(PixelModel() + e)) ** 2)) for e in effects]
+    fall = nearer(PROBLEM, one, noisy, seed=1)
+    assert fall == pytest.approx(squares[0] - squares[1], abs=4.0 * 2.0 * np.sqrt(max(squares)))
+    assert (fall > 0.0) == bool(true)

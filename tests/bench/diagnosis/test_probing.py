@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bench.diagnosis.probing import reliable, sizes_for
+from bench.diagnosis.problem import Change
 from sim_backend.pixel.effects.registry import effects
 
 N = 400
@@ -21,7 +22,7 @@ FIT: Any = SimpleNamespace(known=np.ones(N, np.bool_), deviation=np.ones(N))
 def test_a_family_is_believed_as_far_as_two_sensors_agree() -> None:
     change = np.where(FAMILIES == 0, 3.0, 0.0)
     both = np.stack([change + RNG.standard_normal(N) for _ in range(2)])
-    found = reliable(PROBLEM, FIT, both)
+    found = reliable(PROBLEM, FIT, Change(both, 1.0))
     mean, kept = both.mean(axis=0), found.mean(axis=0)
     products = [np.bincount(FAMILIES, weights=w * mean) for w in (kept, mean)]
     share = products[0] / products[1]
@@ -33,10 +34,28 @@ def test_a_family_is_believed_as_far_as_two_sensors_agree() -> None:
 def test_what_is_hardly_there_is_believed_as_a_whole_or_not() -> None:
     """Of pure chance a family of its own may keep some; of all statistics together next to nothing is left."""
     both = RNG.standard_normal((2, N))
-    left = reliable(PROBLEM, FIT, both, whole=True).mean(axis=0)
+    left = reliable(PROBLEM, FIT, Change(both, 1.0), whole=True).mean(axis=0)
     assert np.linalg.norm(left) < 4.0 * 2.0 / np.sqrt(N) * np.linalg.norm(both.mean(axis=0))
     change = np.full(N, 5.0)
-    assert reliable(PROBLEM, FIT, np.stack([change, change]), whole=True) == pytest.approx(np.stack([change, change]))
+    assert reliable(PROBLEM, FIT, Change(np.stack([change, change]), 1.0), whole=True) == pytest.approx(
+        np.stack([change, change])
+    )
+
+
+def test_a_family_of_one_is_not_believed_because_it_agrees_by_chance() -> None:
+    """Two sensors agree to a tenth about a statistic; hundreds of others show that it is not known at all."""
+    both = RNG.standard_normal((2, N)) * 3.0
+    both[:, 0] = 1.9, 2.1
+    families = np.arange(N) > 0
+    problem: Any = SimpleNamespace(
+        measured=SimpleNamespace(families=families.astype(np.int64), points=(slice(0, N),))
+    )
+    # The variance of the mean of two is 9 / 2, more than 2 squared.
+    assert np.all(reliable(problem, FIT, Change(both, 0.1))[:, 0] == 0.0)
+    both[:, 0] = 29.0, 31.0
+    assert reliable(problem, FIT, Change(both, 0.1))[0, 0] == pytest.approx(29.0 * (1.0 - 4.5 / 900.0), rel=0.002)
+    # So many recordings leave less chance than that: then hundreds are no better known than by themselves.
+    assert reliable(problem, FIT, Change(both, 100.0))[0, 0] > 29.0 * (1.0 - 0.011)
 
 
 def test_a_probe_is_as_large_as_what_is_left() -> None:
