@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,12 +87,14 @@ def test_a_probe_is_tried_until_it_is_of_the_wanted_size(asked: list[tuple[str, 
     """
     known: dict[tuple[str, str], float] = {}
     fit = fit_with(np.zeros(N))
+    fit = replace(fit, jacobian=fit.jacobian + 1.0)  # half of what it does is what the leak does
     well_sized(PROBLEM, fit, [LEAK], 1, 0.1, known)
-    assert asked == [("leak", 0.25)]
+    assert asked[0] == ("leak", 0.25)
     other = fit.jacobian[0][:, 0] / np.linalg.norm(fit.jacobian[0])
     seen = float(np.linalg.norm(DIRECTION - other * (other @ DIRECTION)))
-    assert known[("leak", "rate_per_s")] == pytest.approx(seen)
+    assert seen < 0.8 * 10.0 * np.sqrt(N)
+    assert known[("leak", "rate_per_s")] == pytest.approx(seen, rel=0.01)
     # What was found out is known the next time.
     well_sized(PROBLEM, fit, [LEAK], 1, 0.1, known)
-    assert asked[1][1] == pytest.approx(25.0 / seen)
+    assert asked[1][1] == pytest.approx(25.0 / seen, rel=0.01)
     assert len(asked) == 2
