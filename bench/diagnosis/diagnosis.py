@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -151,6 +151,7 @@ class Diagnosis:
             open_session(opened, model, workforce or Workforce(workers))
         )
         self._states: list[_State] = []
+        self._next: tuple[Fit, dict[str, Any] | None] | None = None
         self._seen: Probed = {}  # how well each effect is seen hardly depends on the step
         self.findings: tuple[str, ...] = findings_of(self._session.problem)
 
@@ -242,10 +243,19 @@ class Diagnosis:
             verdict=verdict,
             missing=missing,
             ties=ties,
-            next_measurement=next_measurement(ties),
+            next_measurement=self._next_measurement(last, ties),
             remainder=remainder_of(self.problem, last) if last is not None and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
         )
+
+    def _next_measurement(self, last: Fit | None, ties: dict[str, tuple[str, ...]]) -> dict[str, Any] | None:
+        """Return what to measure next; it is simulated once for each fitted model."""
+        if last is None or not ties:
+            return None
+        if self._next is None or self._next[0] is not last:
+            self._say("looking for the measurement that tells them apart")
+            self._next = last, next_measurement(self.problem, last, ties, self._seed + 61)
+        return self._next[1]
 
     def _go_on(self, most: int) -> None:
         """Add what is missing until nothing more is significant."""

@@ -157,6 +157,15 @@ class Forward:
         self._run = uuid.uuid4().hex
         self.simulated = 0  #: sensors so far
 
+    @property
+    def engine(self) -> FastEngine:
+        """What makes the events of one point."""
+        return engine_of(self.dt_s)
+
+    def beside(self, points: Sequence[PointData]) -> Forward:
+        """Return the same for other points, simulated by the same workers."""
+        return Forward(points, self._executor, self.dt_s, self._done)
+
     def run(
         self,
         models: Sequence[Sequence[PixelModel]],

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["closest", "nearer", "separation"]
+__all__ = ["closest", "nearer", "separation", "stand_in"]
 
 _EFFORT: Final = 2.0
 #: No residual of the sum of two counts for more standard errors.
@@ -74,26 +74,48 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
     The other numbers stay, as far as they could not take up the difference. A fit of the other effect that has not
     come to its minimum looks different where the effect is not.
     """
-    fit = one.fit
-    basis = basis_of(fit, problem, without=one.effect)
-    without = fit.model.without(one.effect)
-    shared = [(slot, x) for slot, x in zip(fit.slots, fit.x, strict=True) if slot.free.owner != one.effect]
-    slots, numbers = [slot for slot, _ in shared], [x for _, x in shared]
-    signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(other)) else (1.0,)
-
-    def models(factor: float) -> list[PixelModel]:
-        return problem.models(without + sized(other, factor, problem.given.get(other.id)), slots, numbers)
-
-    tried = [sign * f for f in _SIZES for sign in signs]
-    looks = _apart(problem, one, basis, [models(f) for f in tried], seed, _ROUGH)
-    size = tried[int(np.argmin([float(a @ b) for a, b in looks]))]
-    none = problem.models(without, slots, numbers)
-    for _ in range(_STEPS):
-        share = _share(*_apart(problem, one, basis, [none, models(size)], seed, _STEP_EFFORT))
-        size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
-    null, here = _apart(problem, one, basis, [none, models(size)], seed, _EFFORT)
+    place = _Place(problem, one, other)
+    null, here = place.apart((0.0, place.size(seed)), seed, _EFFORT)
     share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
     return _surely(here + share * (here - null))
+
+
+def stand_in(problem: Problem, one: Found, other: type[Effect], seed: int) -> PixelModel:
+    """Return the first model with another effect in the place of its own, in the size that comes closest."""
+    place = _Place(problem, one, other)
+    return place.models(place.size(seed))[0]
+
+
+class _Place:
+    """The place of an effect in a fitted model, which another one takes; sizes are beside that of the catalogue."""
+
+    def __init__(self, problem: Problem, one: Found, other: type[Effect]) -> None:
+        self._problem, self._one, self._other = problem, one, other
+        self._basis = basis_of(one.fit, problem, without=one.effect)
+        kept = [i for i, slot in enumerate(one.fit.slots) if slot.free.owner != one.effect]
+        self._slots, self._numbers = [one.fit.slots[i] for i in kept], one.fit.x[kept]
+
+    def models(self, size: float) -> list[PixelModel]:
+        """Return the models of all points; without either effect at a size of 0."""
+        model = self._one.fit.model.without(self._one.effect)
+        if size:
+            model += sized(self._other, size, self._problem.given.get(self._other.id))
+        return self._problem.models(model, self._slots, self._numbers)
+
+    def apart(self, sizes: Sequence[float], seed: int, effort: float) -> list[Floats]:
+        """Return for each size (2, n) how the models differ from the fitted one."""
+        return _apart(self._problem, self._one, self._basis, [self.models(size) for size in sizes], seed, effort)
+
+    def size(self, seed: int) -> float:
+        """Return the size at which the other effect comes closest."""
+        signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(self._other)) else (1.0,)
+        tried = [sign * f for f in _SIZES for sign in signs]
+        looks = self.apart(tried, seed, _ROUGH)
+        size = tried[int(np.argmin([float(a @ b) for a, b in looks]))]
+        for _ in range(_STEPS):
+            share = _share(*self.apart((0.0, size), seed, _STEP_EFFORT))
+            size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
+        return size
 
 
 def _share(null: Floats, here: Floats) -> float:

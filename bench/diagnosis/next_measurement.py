@@ -1,15 +1,28 @@
-"""What to measure next, where the data cannot tell effects apart."""
+"""What to measure next, where the data cannot tell effects apart.
+
+For some pairs it is known which protocol helps: by the physics. How far apart the two would be there is found by
+simulating both; where that is not enough, or nothing is known, the other protocols are tried, the shortest first.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
+from bench.diagnosis.catalogue import are_the_same
+from bench.diagnosis.foreseen import apart_at, planned_points
+from bench.diagnosis.likeness import stand_in
+from bench.diagnosis.refit import Found
 from protocols import load_protocol
+from sim_backend.pixel.effects.registry import effects
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["next_measurement"]
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.problem import Problem
+    from protocols.points import Ambient
+
+__all__ = ["next_measurement", "protocol_for"]
 
 _LIGHT: Final = frozenset({"dark_current", "stray_light"})
 _SLOW: Final = frozenset(
@@ -17,6 +30,12 @@ _SLOW: Final = frozenset(
 )
 _DRIFTING: Final = frozenset({"leak", "parasitic_photocurrent", "light_drift", "hot_pixels", "low_frequency_noise"})
 _NOISY: Final = frozenset({"shot_noise", "low_frequency_noise", "light_flicker", "reset_noise", "threshold_mismatch"})
+
+#: Protocols that are tried where none is known to help, the shortest first.
+_OTHERS: Final = ("quick_look", "background_activity", "pulse_width", "on_family", "off_family")
+#: Standard errors that are enough to tell two effects apart, and below which a protocol is of no help.
+_ENOUGH: Final = 5.0
+_NO_HELP: Final = 2.0
 
 #: Effects of which two are told apart by a protocol of ours, and how; the first line that fits counts.
 _APART: Final[tuple[tuple[frozenset[str], str, str], ...]] = (
@@ -27,20 +46,75 @@ _APART: Final[tuple[tuple[frozenset[str], str, str], ...]] = (
 )
 
 
-def next_measurement(ties: Mapping[str, Sequence[str]]) -> dict[str, Any] | None:
-    """Return the protocol that tells effects apart which a diagnosis cannot, and the minutes it takes.
+def protocol_for(group: Sequence[str]) -> tuple[str, str] | None:
+    """Return the protocol that is known to tell effects apart, and how it is said; None: none is known."""
+    known = frozenset(group)
+    return next(((protocol, title) for apart, protocol, title in _APART if known <= apart), None)
 
-    None where nothing is tied, or where no protocol of ours is known to help.
+
+def next_measurement(
+    problem: Problem, fit: Fit, ties: Mapping[str, Sequence[str]], seed: int
+) -> dict[str, Any] | None:  # fmt: skip
+    """Return the protocol that tells effects apart which a diagnosis cannot.
+
+    Parameters
+    ----------
+    problem, fit
+        The runs, and the model fitted to them.
+    ties
+        Of effects that it has: those that could take their place.
+    seed
+        Of the simulations.
+
+    Returns
+    -------
+    dict or None
+        Its name and minutes, how it is said, and by how many standard errors the nearest of the effects would be told
+        from the one in the model, as far as simulations say. None where nothing is tied, or nothing helps.
     """
     for name, tied in ties.items():
-        group = frozenset({name, *tied})
-        for apart, protocol, title in _APART:
-            if group <= apart:
-                estimate = load_protocol(protocol).protocol.estimate()
-                return {
-                    "protocol": protocol,
-                    "title": title,
-                    "separates": [name, *tied],
-                    "minutes": round(estimate.duration_s / 60.0, 1),
-                }
+        group = (name, *tied)
+        known = protocol_for(group)
+        best = None if known is None else _told(known, group, _separation(problem, fit, group, known[0], seed))
+        if best is not None and best["separation"] >= _ENOUGH:
+            return best
+        for protocol in _OTHERS:
+            if known is not None and protocol == known[0]:
+                continue
+            found = _told((protocol, _title(protocol)), group, _separation(problem, fit, group, protocol, seed))
+            if best is None or found["separation"] > best["separation"]:
+                best = found
+            if best["separation"] >= _ENOUGH:
+                return best
+        if best is not None and best["separation"] >= _NO_HELP:
+            return best
     return None
+
+
+def _title(protocol: str) -> str:
+    return f"{load_protocol(protocol).protocol.title} ({protocol})"
+
+
+def _told(protocol: tuple[str, str], group: Sequence[str], separation: float) -> dict[str, Any]:
+    return {
+        "protocol": protocol[0],
+        "title": protocol[1],
+        "separates": list(group),
+        "minutes": round(load_protocol(protocol[0]).protocol.estimate().duration_s / 60.0, 1),
+        "separation": round(separation, 1),
+    }
+
+
+def _separation(problem: Problem, fit: Fit, group: Sequence[str], protocol: str, seed: int) -> float:
+    """Return by how many standard errors a protocol tells the first effect from the nearest of the others."""
+    like = problem.points[0]
+    planned = load_protocol(protocol).protocol.expand()
+    one = Found(group[0], fit, 0.0)
+    # What is the same to a pixel is not so behind a shroud.
+    covered: Ambient | None = (
+        "shrouded" if any(are_the_same(group[0], other, problem.points) for other in group[1:]) else None
+    )
+    points = planned_points(planned, like, fit.model, covered)
+    of_all = len(planned) / len(points) * like.roi.pixels / points[0].roi.pixels
+    rivals = [stand_in(problem, one, effects()[other], seed) for other in group[1:]]
+    return min(apart_at(problem, fit, rival, points, of_all, seed + 1) for rival in rivals)

@@ -1,31 +1,80 @@
-"""What is tied is told apart by a protocol of ours, where one is known."""
+"""What is tied is told apart by a protocol of ours, where one is known or found to help."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import pytest
 
-from bench.diagnosis.next_measurement import next_measurement
+from bench.diagnosis import next_measurement as module
+from bench.diagnosis.next_measurement import next_measurement, protocol_for
 from protocols import load_protocol
 from sim_backend.pixel.effects.registry import effects
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+NOTHING: Any = None
+
+
+@pytest.fixture
+def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[str, float]], list[str]]:
+    """Let protocols tell effects apart by some standard errors; the others by none. Return what is tried."""
+
+    def with_separations(known: dict[str, float]) -> list[str]:
+        tried: list[str] = []
+
+        def separation(_: Any, __: Any, group: Sequence[str], protocol: str, ___: int) -> float:
+            tried.append(protocol)
+            return known.get(protocol, 0.0)
+
+        monkeypatch.setattr(module, "_separation", separation)
+        return tried
+
+    return with_separations
+
 
 @pytest.mark.parametrize(
-    ("ties", "protocol"),
+    ("group", "protocol"),
     [
-        ({"dark_current": ("stray_light",)}, "on_family"),
-        ({"dark_current": ("photoreceptor_bandwidth",)}, "pulse_width"),
-        ({"leak": ("hot_pixels",)}, "background_activity"),
+        (("dark_current", "stray_light"), "on_family"),
+        (("dark_current", "photoreceptor_bandwidth"), "pulse_width"),
+        (("leak", "hot_pixels"), "background_activity"),
     ],
 )
-def test_a_tied_group_has_its_protocol(ties: dict[str, tuple[str, ...]], protocol: str) -> None:
-    found = next_measurement(ties)
+def test_what_is_known_to_help_is_proposed_if_it_does(
+    apart: Callable[..., list[str]], group: tuple[str, str], protocol: str
+) -> None:
+    assert set(group) <= set(effects())
+    known = protocol_for(group)
+    assert known is not None
+    assert known[0] == protocol
+    tried = apart({protocol: 17.04, "quick_look": 30.0})
+    found = next_measurement(NOTHING, NOTHING, {group[0]: group[1:]}, 1)
     assert found is not None
-    assert found["protocol"] == protocol
-    assert found["separates"] == [next(iter(ties)), *next(iter(ties.values()))]
+    assert tried == [protocol]
+    assert (found["protocol"], found["separates"], found["separation"]) == (protocol, list(group), 17.0)
     assert found["minutes"] == pytest.approx(load_protocol(protocol).protocol.estimate().duration_s / 60.0, abs=0.05)
-    assert set(found["separates"]) <= set(effects())
 
 
-def test_nothing_is_proposed_where_nothing_is_known() -> None:
-    assert next_measurement({}) is None
-    assert next_measurement({"crosstalk": ("dark_current",)}) is None
+def test_where_nothing_is_known_the_first_that_is_enough_is_proposed(apart: Callable[..., list[str]]) -> None:
+    assert protocol_for(("crosstalk", "dark_current")) is None
+    tried = apart({"quick_look": 3.0, "pulse_width": 8.0, "on_family": 40.0})
+    found = next_measurement(NOTHING, NOTHING, {"crosstalk": ("dark_current",)}, 1)
+    assert found is not None
+    assert found["protocol"] == "pulse_width"
+    assert "pulse_width" in found["title"]
+    assert tried == ["quick_look", "background_activity", "pulse_width"]
+
+
+def test_another_protocol_takes_the_place_of_one_that_does_not_help(apart: Callable[..., list[str]]) -> None:
+    apart({"pulse_width": 1.0, "background_activity": 4.0})
+    found = next_measurement(NOTHING, NOTHING, {"dark_current": ("photoreceptor_bandwidth",)}, 1)
+    assert found is not None
+    assert (found["protocol"], found["separation"]) == ("background_activity", 4.0)
+
+
+def test_nothing_is_proposed_where_nothing_helps(apart: Callable[..., list[str]]) -> None:
+    assert next_measurement(NOTHING, NOTHING, {}, 1) is None
+    apart({"quick_look": 1.5})
+    assert next_measurement(NOTHING, NOTHING, {"dark_current": ("photoreceptor_bandwidth",)}, 1) is None
