@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from protocols.base import Contrast, FrozenModel, Illuminance, Number, PathProblem, problems_at
+from protocols.refine import Refine
 from protocols.settings import RoiChoice, Thresholds
 
 if TYPE_CHECKING:
@@ -150,6 +151,8 @@ class Contrasts(FrozenModel):
     """Evenly spaced contrasts."""
     logspace: Logspace | None = None
     """Contrasts in equal ratios."""
+    refine: Refine | None = None
+    """Contrasts that are added to each curve where it is steep, after these have been taken."""
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
@@ -159,6 +162,8 @@ class Contrasts(FrozenModel):
         for space in (self.linspace, self.logspace):
             if space is not None and not (space.start > 0 and space.stop > 0):
                 raise problems_at([((given[0],), "contrasts must be above 0")])
+        if self.refine is not None and len(set(self.numbers())) < 2:
+            raise problems_at([(("refine",), "needs at least two different contrasts to begin with")])
         return self
 
     def numbers(self) -> tuple[float, ...]:

@@ -10,6 +10,10 @@ from pydantic_core import PydanticCustomError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from pydantic import GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import CoreSchema
+
 __all__ = [
     "CLASS_PATTERN",
     "NAME_PATTERN",
@@ -42,7 +46,19 @@ PROBLEMS_AT = "problems_at"
 class FrozenModel(BaseModel):
     """A part of a file that a user writes: unknown keys are refused, and nothing changes once it is read."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Describe each field by the text below it: read here, because pydantic would read it at every start."""
+        from protocols.attribute_texts import texts_below_fields
+
+        schema = handler(core_schema)
+        properties = handler.resolve_ref_schema(schema).get("properties", {})
+        for name, text in texts_below_fields(cls).items():
+            if (field := cls.model_fields.get(name)) is not None:
+                properties[field.alias or name].setdefault("description", text)
+        return schema
 
 
 def problems_at(problems: Iterable[PathProblem]) -> PydanticCustomError:

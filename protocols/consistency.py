@@ -71,6 +71,10 @@ def _pulsed(protocol: Protocol, measurement: Measurement) -> Iterator[PathProble
 def _square(measurement: Measurement, stimulus: SquareStimulus) -> Iterator[PathProblem]:
     if measurement.sweep.polarity is not None:
         yield ("sweep", "polarity"), "a square wave always shows both polarities"
+    refine = None if measurement.sweep.contrast is None else measurement.sweep.contrast.refine
+    if refine is not None and refine.until.theta_se is not None:
+        where = ("sweep", "contrast", "refine", "until", "theta_se")
+        yield where, "a square wave does not tell the threshold of a noisy pixel; ask for half_se or gap"
     yield from _one_of(stimulus.frequency_hz, "frequency_hz", measurement.sweep.pulse_width_s, "pulse_width_s")
 
 
@@ -111,7 +115,8 @@ def _count(measurement: Measurement) -> int:
     if isinstance(sweep.nd_od, tuple):
         lengths.append(len(sweep.nd_od))
     if sweep.contrast is not None:
-        lengths.append(len(sweep.contrast.numbers()))
+        refine = sweep.contrast.refine
+        lengths.append(len(sweep.contrast.numbers()) + (refine.at_most if refine is not None else 0))
     return math.prod(lengths)
 
 

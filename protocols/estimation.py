@@ -36,10 +36,11 @@ class Estimate:
     nd_changes: int  #: moves of the filter wheel after the first point
     points: int  #: number of points
     operator_steps: int  #: how often a person has to do something
+    added: int = 0  #: of the points, those that are added to curves at most: time and size are the worst case
 
 
-def estimate(points: Sequence[Point]) -> Estimate:
-    """Return time and size of a run that takes `points` in this order.
+def estimate(points: Sequence[Point], added: int = 0) -> Estimate:
+    """Return time and size of a run that takes `points` in this order; `added` of them may not be needed.
 
     Time: for each point the recording, and `settle.light_s`; `settle.filter_s` more where the ND filter differs from
     that of the point before, and `settle.bias_s` more where settings or window do. For the first point filter, biases
@@ -59,6 +60,7 @@ def estimate(points: Sequence[Point]) -> Estimate:
         nd_changes=sum(a.nd_od != b.nd_od for a, b in pairwise(points)),
         points=len(points),
         operator_steps=sum(point.operator_before is not None for point in points),
+        added=added,
     )
 
 

@@ -9,7 +9,8 @@ illuminance, polarity, pulse width, contrast, each as written; `order: shuffled`
 
 Seeds. The seed of a point is a hash of the protocol's seed, the measurement's name and the number of the point
 within the measurement as written. It does not depend on the order in which points are taken, nor on other
-measurements, nor on the machine.
+measurements, nor on the machine. For points that are added to a curve while it is taken
+(:mod:`protocols.refining`) the number of the curve within the measurement and theirs within the curve take its place.
 """
 
 from __future__ import annotations
@@ -42,7 +43,16 @@ if TYPE_CHECKING:
     from protocols.axes import Sweep
     from protocols.schema import Measurement, Protocol
 
-__all__ = ["Condition", "conditions", "expand", "measurement_points", "settings_of", "settle_of"]
+__all__ = [
+    "Condition",
+    "conditions",
+    "expand",
+    "in_order",
+    "measurement_points",
+    "seed_of",
+    "settings_of",
+    "settle_of",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +80,17 @@ def expand(protocol: Protocol) -> tuple[Point, ...]:
     tuple of Point
         `index` counts from 0. `operator_before` stands on the first point of its measurement.
     """
+    return tuple(replace(point, index=i) for i, point in enumerate(in_order(protocol)))
+
+
+def in_order(protocol: Protocol) -> list[Point]:
+    """Return the points of `protocol` in the order in which they are taken; `index` counts within the measurement."""
     points: list[Point] = []
     last = _State(nd_od=0.0, setting=None)
     for block in _blocks(protocol):
         taken, last = _sparing_changes(block, last)
         points += _with_operator_steps(protocol, taken)
-    return tuple(replace(point, index=i) for i, point in enumerate(points))
+    return points
 
 
 def measurement_points(protocol: Protocol, measurement: Measurement) -> Iterator[Point]:
@@ -153,7 +168,6 @@ def _point(
     protocol: Protocol, measurement: Measurement, condition: Condition, log_contrast: float, ordinal: int
 ) -> Point:
     constant = isinstance(measurement.stimulus, ConstantStimulus)
-    seed = protocol.seed if measurement.seed is None else measurement.seed
     return Point(
         index=ordinal,
         measurement=measurement.name,
@@ -167,7 +181,7 @@ def _point(
         nd_od=condition.nd_od,
         settings=condition.settings,
         settle=settle_of(protocol, measurement),
-        seed=_seed(seed, measurement.name, ordinal),
+        seed=seed_of(protocol, measurement, ordinal),
         ambient=measurement.ambient,
         preamble=_preamble(measurement),
     )
@@ -180,9 +194,10 @@ def _preamble(measurement: Measurement) -> Preamble | None:
     return stimulus.preamble.to_preamble()
 
 
-def _seed(seed: int, name: str, ordinal: int) -> int:
-    """Return 63 bits of SHA-256, so that it fits a signed 64-bit attribute."""
-    digest = hashlib.sha256(f"{seed}/{name}/{ordinal}".encode()).digest()
+def seed_of(protocol: Protocol, measurement: Measurement, which: int | str) -> int:
+    """Return the seed of the point `which` of a measurement: 63 bits, so that it fits a signed 64-bit attribute."""
+    seed = protocol.seed if measurement.seed is None else measurement.seed
+    digest = hashlib.sha256(f"{seed}/{measurement.name}/{which}".encode()).digest()
     return int.from_bytes(digest[:8], "big") >> 1
 
 

@@ -69,5 +69,10 @@ def _sweep(measurement: Measurement) -> dict[str, Any]:
         if axis is not None:
             written[key] = list(numbers(axis))
     if sweep.contrast is not None:
-        written["contrast"] = {"scale": sweep.contrast.scale, "values": list(sweep.contrast.numbers())}
+        refine = sweep.contrast.refine
+        written["contrast"] = {
+            "scale": sweep.contrast.scale,
+            "values": list(sweep.contrast.numbers()),
+            **({"refine": refine.model_dump(mode="json", exclude_none=True)} if refine is not None else {}),
+        }
     return written

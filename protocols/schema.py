@@ -21,6 +21,7 @@ from protocols.suspend import Suspend
 
 if TYPE_CHECKING:
     from protocols.estimation import Estimate
+    from protocols.refining import RefinedCurve
 
 __all__ = ["FORMAT", "Measurement", "Operator", "Protocol"]
 
@@ -102,7 +103,7 @@ class Protocol(FrozenModel):
         return self
 
     def expand(self) -> tuple[Point, ...]:
-        """Return the numbered points, in the order in which they are taken.
+        """Return the numbered points that are taken in any case, in the order in which they are taken.
 
         See :func:`protocols.expansion.expand` for the order.
         """
@@ -110,14 +111,30 @@ class Protocol(FrozenModel):
 
         return expand(self)
 
+    def refined_curves(self) -> tuple[RefinedCurve, ...]:
+        """Return the curves to which points may be added while they are taken; see :mod:`protocols.refining`."""
+        from protocols.refining import refined_curves
+
+        return refined_curves(self)
+
+    def worst_case(self) -> tuple[Point, ...]:
+        """Return the points as they are taken if every curve needs all that may be added to it.
+
+        Contrasts of those that are added stand for what is not known yet; all else of them is as it will be.
+        """
+        from protocols.refining import worst_case
+
+        return worst_case(self)
+
     def estimate(self) -> Estimate:
-        """Return how long the protocol takes and how large its run becomes.
+        """Return how long the protocol takes, and how large its run becomes, at most.
 
         See :func:`protocols.estimation.estimate` for the formula.
         """
         from protocols.estimation import estimate
 
-        return estimate(self.expand())
+        added = sum(len(curve.spare) for curve in self.refined_curves())
+        return estimate(self.worst_case(), added)
 
     def expected_at(self, point: Point) -> Expected:
         """Return what the sensor is expected to be at `point`: what its settings prescribe, else `expect`."""

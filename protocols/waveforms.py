@@ -65,7 +65,7 @@ def _bare(point: Point) -> Stimulus:
 
 def constant_light(lux: float, duration_s: float) -> Stimulus:
     """Return one level of `lux` on chip for `duration_s` seconds, without pulses."""
-    return _stimulus([(0.0, lux)], duration_s, _windows([], [], []))
+    return _stimulus(lux, [], [], duration_s, _windows([], [], []))
 
 
 def square_edges(
@@ -93,12 +93,10 @@ def square_edges(
     """
     rise = first_edge_s + period_s * np.arange(cycles + 1)
     fall = first_edge_s + period_s * (np.arange(cycles) + duty)
-    levels = [(0.0, low_lux)]
-    for up, down in zip(rise, fall, strict=False):
-        levels += [(float(up), high_lux), (float(down), low_lux)]
     start = np.column_stack([rise[:-1], fall]).ravel()
     stop = np.column_stack([fall, rise[1:]]).ravel()
-    return _stimulus(levels, float(rise[-1]), _windows(start, stop, [STEP_UP, STEP_DOWN] * cycles))
+    windows = _windows(start, stop, [STEP_UP, STEP_DOWN] * cycles)
+    return _stimulus(low_lux, start, [high_lux, low_lux] * cycles, float(rise[-1]), windows)
 
 
 def reset_test_edges(
@@ -138,13 +136,11 @@ def reset_test_edges(
     first = gap_s if first_edge_s is None else first_edge_s
     reset = first + period_s * np.arange(cycles)
     test = reset + (reset_s + gap_s)
-    levels = [(0.0, baseline_lux)]
-    for reset_at, test_at in zip(reset, test, strict=True):
-        levels += [(float(reset_at), reset_lux), (float(reset_at + reset_s), baseline_lux)]
-        levels += [(float(test_at), test_lux), (float(test_at + test_s), baseline_lux)]
+    edges = np.column_stack([reset, reset + reset_s, test, test + test_s]).ravel()
+    lux = [reset_lux, baseline_lux, test_lux, baseline_lux] * cycles
     kind = STEP_UP if test_lux > baseline_lux else STEP_DOWN
     windows = _windows(test, test + (test_s if window_s is None else window_s), [kind] * cycles)
-    return _stimulus(levels, first + period_s * cycles, windows)
+    return _stimulus(baseline_lux, edges, lux, first + period_s * cycles, windows)
 
 
 def reset_test_levels(point: Point, timing: ResetTestTiming) -> tuple[float, float]:
@@ -195,6 +191,9 @@ def _windows(start: npt.ArrayLike, stop: npt.ArrayLike, kind: npt.ArrayLike) -> 
     )
 
 
-def _stimulus(levels: list[tuple[float, float]], duration_s: float, windows: _Windows) -> Stimulus:
-    t_s, lux = np.array(levels, dtype=np.float64).T
-    return Stimulus(t_s.copy(), lux.copy(), duration_s, *windows)
+def _stimulus(
+    first_lux: float, edges_s: npt.ArrayLike, lux: npt.ArrayLike, duration_s: float, windows: _Windows
+) -> Stimulus:
+    """Return the light that begins at `first_lux` and is at `lux` from `edges_s` on."""
+    after = np.asarray(edges_s, dtype=np.float64), np.asarray(lux, dtype=np.float64)
+    return Stimulus(np.append(0.0, after[0]), np.append(first_lux, after[1]), duration_s, *windows)

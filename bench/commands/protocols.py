@@ -27,13 +27,16 @@ def _list(as_json: bool) -> None:
     for name in library.names():
         protocol = library.load(name).protocol
         estimate = protocol.estimate()
-        found.append((name, estimate.points, estimate.duration_s, protocol.title))
+        found.append((name, estimate.points, estimate.duration_s, protocol.title, estimate.added))
     if as_json:
-        keys = ("name", "points", "duration_s", "title")
+        keys = ("name", "points", "duration_s", "title", "added")
         listing = [dict(zip(keys, row, strict=True)) for row in found]
         print_json({"format": "evs-bench-protocols/1", "protocols": listing})
         return
-    rows = [(name, str(points), f"{seconds / 60:.0f} min", title) for name, points, seconds, title in found]
+    rows = [
+        (name, f"{'at most ' if added else ''}{points}", f"{seconds / 60:.0f} min", title)
+        for name, points, seconds, title, added in found
+    ]
     print_table(("name", "points", "takes", "what it measures"), rows)
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from bench.run.measuring import Measured
     from bench.run.plan import PlannedPoint
     from bench.run.progress import Stopwatch
+    from bench.run.refining import Refining
     from bench.run.taking import Hands
     from bench.station import Station
     from protocols.points import Roi
@@ -50,10 +51,15 @@ class ByWorkers(Taking):
         Whether the workers can write into the run folder.
     hands
         See :class:`~bench.run.taking.Taking`.
+    refining
+        Adds points to curves; it decides here, on whole files, so that the points are those of one process.
     """
 
-    def __init__(self, executor: Executor, station: Station, roi: Roi, same_disk: bool, hands: Hands) -> None:
+    def __init__(
+        self, executor: Executor, station: Station, roi: Roi, same_disk: bool, hands: Hands, refining: Refining
+    ) -> None:
         super().__init__(hands)
+        self._refining = refining
         self._executor = executor
         self._station = station
         self._roi = roi
@@ -68,6 +74,7 @@ class ByWorkers(Taking):
     def _take(self, planned: Sequence[PlannedPoint], watch: Stopwatch) -> None:
         """Take the points in rounds; what is to be taken again comes into the next one, and so what was held back."""
         self._left = list(planned)
+        watch.grow((), self._refining.may_add())
         self._tell(planned, watch, description(planned[0].point))
         while self._left and self._hands.holding.may_go_on(watch):
             self._round(planned, watch)
@@ -84,6 +91,8 @@ class ByWorkers(Taking):
                     item = self._keep(measured)
                     if item in self._left:
                         watch.again(cost(item))
+                    else:
+                        todo += self._more_after(item, watch)
                     for under_way in list(self._under_way.values())[:1]:  # the one that was begun first
                         self._tell(planned, watch, description(under_way.point))
         except ItemFailed as failed:
@@ -96,8 +105,17 @@ class ByWorkers(Taking):
             self._drop(error)
             raise
 
+    def _more_after(self, item: PlannedPoint, watch: Stopwatch) -> list[PlannedPoint]:
+        """Return the points that are added because of one that is dealt with; they are left to be taken."""
+        more = self._refining.after(item, watch)
+        self._left += more
+        return more
+
     def _jobs(self, todo: Sequence[PlannedPoint]) -> Iterator[PointJob]:
-        """Yield the points until the run is to be held; each is asked for when a worker is free."""
+        """Yield the points until the run is to be held; each is asked for when a worker is free.
+
+        What is added to `todo` meanwhile is yielded, too; where it comes too late, it is left for the next round.
+        """
         for item in todo:
             if self._pause is not None or not self._hands.holding.is_free:
                 return

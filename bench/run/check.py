@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from bench.run.findings import NEEDED, observe_contrast, observe_curve, observe_point, observe_settings
 from bench.run.foresight import foresee
-from bench.run.foretelling import count_text, foresight_lines, time_lines
+from bench.run.foretelling import count_text, foresight_lines, points_text, time_lines
 from bench.run.plan import plan, ranges_text
 from bench.run.suspenders import problems_with
 from protocols.errors import InputError
@@ -71,7 +71,7 @@ class CheckReport:
         """Return the report for people, a line for each thing."""
         e = self.estimate
         steps = f", {count_text(e.operator_steps, 'operator step')}" if e.operator_steps else ""
-        points, changes = count_text(e.points, "point"), count_text(e.nd_changes, "change")
+        points, changes = points_text(e), count_text(e.nd_changes, "change")
         return [
             f"{self.title}: {points} on station {self.station}, {changes} of the filter{steps}",
             *time_lines(e, self.foresight, self.end),
@@ -87,7 +87,7 @@ class CheckReport:
         if not self.unreachable:
             return []
         reasons = sum(f.severity == "error" for f in self.findings)
-        of = f"{len(self.unreachable)} of {count_text(self.estimate.points, 'point')}"
+        of = f"{len(self.unreachable)} of {count_text(self.estimate.points - self.estimate.added, 'point')}"
         return [f"out of reach: {of}, for {count_text(reasons, 'reason')}"]
 
     def to_dict(self) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def check(protocol: Protocol, station: Station, runs: Path | None = None) -> Che
     """
     points = protocol.expand()
     planned, refusals = plan(points, station)
-    foresight = foresee(points, planned, station, runs)
+    foresight = foresee(protocol.worst_case(), planned, station, runs)
     errors = [Finding("error", "cannot_be_taken", r.measurement, r.points, r.message) for r in refusals]
     errors += [Finding("error", "cannot_wait", "", (), text) for text in problems_with(protocol.suspend, station)]
     expected = {p.index: _expected(protocol, p, station) for p in points}

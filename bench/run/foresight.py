@@ -93,9 +93,9 @@ def foresee(
     Parameters
     ----------
     points
-        All points, in the order in which they are taken.
+        All points, in the order in which they are taken, and those that may be added to curves: the worst case.
     planned
-        Those that can be taken, in the terms of the station's devices.
+        Those of the protocol that can be taken, in the terms of the station's devices.
     runs
         The folder in which the run would lie beside earlier ones; None to look at neither disk nor earlier runs.
     """

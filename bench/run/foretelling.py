@@ -14,15 +14,23 @@ if TYPE_CHECKING:
     from bench.run.foresight import ByHand, Foresight
     from protocols.estimation import Estimate
 
-__all__ = ["count_text", "foresight_lines", "time_lines"]
+__all__ = ["count_text", "foresight_lines", "points_text", "time_lines"]
 
 #: So many changes by hand are told one by one.
 _MOST_CHANGES: Final = 12
 _MINUTE_S: Final = 60.0
 
 
+def points_text(estimate: Estimate) -> str:
+    """Return how many points there are: ``36 points``, ``at most 36 points (12 planned, 24 where curves rise)``."""
+    points = count_text(estimate.points, "point")
+    if not estimate.added:
+        return points
+    return f"at most {points} ({estimate.points - estimate.added} planned, {estimate.added} more where curves rise)"
+
+
 def time_lines(estimate: Estimate, foresight: Foresight, end: datetime) -> Iterator[str]:
-    """Yield how long it takes, and until when.
+    """Yield how long it takes, and until when; that is the worst case where points may be added.
 
     Parameters
     ----------
@@ -34,19 +42,22 @@ def time_lines(estimate: Estimate, foresight: Foresight, end: datetime) -> Itera
         When a run that starts now would be over by the clock of the station, local time.
     """
     takes, settling = duration_text(foresight.duration_s), f"{duration_text(estimate.settling_s)} of it to settle"
+    takes = f"at most {takes}" if estimate.added else takes
     if foresight.real_clock:
-        yield f"time: {takes} ({settling}); it ends {end:%Y-%m-%d %H:%M} if it starts now"
+        ends = "ends at the latest" if estimate.added else "ends"
+        yield f"time: {takes} ({settling}); it {ends} {end:%Y-%m-%d %H:%M} if it starts now"
         yield from _learned(foresight.pace)
     else:
         yield f"time: {takes} on a bench ({settling}), there until {end:%Y-%m-%d %H:%M}"
-        yield f"simulated station: {_computing(foresight)}"
+        yield f"simulated station: {_computing(foresight, worst=estimate.added > 0)}"
 
 
-def _computing(foresight: Foresight) -> str:
+def _computing(foresight: Foresight, *, worst: bool) -> str:
     if foresight.real_duration_s is None or foresight.real_end is None or foresight.pace is None:
         return "how long it computes is not known: no earlier run on it had recordings of this size"
     length = duration_text(max(1.0, foresight.real_duration_s))
-    return f"computes for about {length}, until {foresight.real_end:%H:%M} (from {_runs(foresight.pace)})"
+    about = "about, at most," if worst else "about"
+    return f"computes for {about} {length}, until {foresight.real_end:%H:%M} (from {_runs(foresight.pace)})"
 
 
 def _learned(pace: Pace | None) -> Iterator[str]:

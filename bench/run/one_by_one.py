@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from bench.run.plan import PlannedPoint
     from bench.run.progress import Stopwatch
     from bench.run.reconnecting import Rig
+    from bench.run.refining import Refining
     from bench.run.taking import Hands
     from bench.store.point_writer import PointWriter
     from bench.store.record import PointRecord
@@ -39,23 +41,30 @@ class OneByOne(Taking):
         What cuts a step short that hangs.
     hands
         See :class:`~bench.run.taking.Taking`.
+    refining
+        Adds points to curves.
     """
 
-    def __init__(self, rig: Rig, watchdog: Watchdog, hands: Hands) -> None:
+    def __init__(self, rig: Rig, watchdog: Watchdog, hands: Hands, refining: Refining) -> None:
         super().__init__(hands)
         self._rig = rig
         self._watchdog = watchdog
+        self._refining = refining
         self._policy = hands.conduct.policy.on_failure
         self._judge = Judge(hands.conduct.dark_light_lux)
 
     def _take(self, planned: Sequence[PlannedPoint], watch: Stopwatch) -> None:
-        for item in planned:
+        todo = deque(planned)
+        watch.grow((), self._refining.may_add())
+        while todo:
+            item = todo.popleft()
             if not self._may_go_on(watch):
                 return
             self._tell(planned, watch, description(item.point))
             self._ask_operator(item.point)
             if not self._deal_with(item, watch):
                 return
+            todo.extendleft(reversed(self._refining.after(item, watch)))
 
     def _may_go_on(self, watch: Stopwatch) -> bool:
         going_on = self._hands.holding.may_go_on(watch)

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final, Protocol, TextIO, runtime_checkable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
 __all__ = [
     "BarProgress",
@@ -36,6 +36,7 @@ class Status:
     left_s: float | None  #: seconds that are left; None if not known yet
     end: datetime | None  #: when it will be over, local time
     skipped: int = 0  #: of the points that are dealt with, those that were left out
+    at_most: int | None = None  #: points if all are added that may be; None where none may be added any more
 
 
 class Progress(Protocol):
@@ -137,7 +138,11 @@ class BarProgress:
             self._task = self._bar.add_task("", total=status.total, left="")
             self._bar.start()
         self._bar.update(
-            self._task, completed=status.done, description=_count(status), left=_left(status).lstrip(", ")
+            self._task,
+            total=status.total,
+            completed=status.done,
+            description=_count(status),
+            left=_left(status).lstrip(", "),
         )
 
     def message(self, text: str) -> None:
@@ -158,7 +163,8 @@ def _count(status: Status) -> str:
     left_out = f", {status.skipped} skipped" if status.skipped else ""
     if status.done >= status.total:
         return f"{status.done - status.skipped} of {status.total} points done{left_out}"
-    return f"point {status.done + 1} of {status.total}{left_out}: {status.label}"
+    at_most = "" if status.at_most is None else f" (at most {status.at_most})"
+    return f"point {status.done + 1} of {status.total}{at_most}{left_out}: {status.label}"
 
 
 def _left(status: Status) -> str:
@@ -194,10 +200,16 @@ class Stopwatch:
         self._now = now
         self._start = now()
         self._more = 0.0  # cost of trials that brought the run no further
+        self._may_add = 0
 
     def again(self, cost: float) -> None:
         """Take note of a trial that cost as much as a point, and has to be made again."""
         self._more += cost
+
+    def grow(self, costs: Sequence[float], may_add: int) -> None:
+        """Take note of points that came on top, and of how many more may come."""
+        self._costs += costs
+        self._may_add = may_add
 
     @contextlib.contextmanager
     def standing(self) -> Iterator[None]:
@@ -209,8 +221,12 @@ class Stopwatch:
             self._start += self._now() - begin
 
     def status(self, done: int, label: str, skipped: int = 0) -> Status:
-        """Return the status after `done` points, `skipped` among them; time is known after the first."""
+        """Return the status after `done` points, `skipped` among them; time is known after the first.
+
+        The time that is left is that of the points that are planned so far.
+        """
         spent, left = sum(self._costs[:done]) + self._more, sum(self._costs[done:])
         left_s = (self._now() - self._start) * left / spent if spent > 0.0 else None
         end = None if left_s is None else datetime.now().astimezone() + timedelta(seconds=left_s)
-        return Status(done, len(self._costs), label, left_s, end, skipped)
+        total = len(self._costs)
+        return Status(done, total, label, left_s, end, skipped, total + self._may_add if self._may_add else None)

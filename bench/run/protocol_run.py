@@ -69,6 +69,7 @@ def _task(protocol: Protocol, name: str, text: str) -> Task:
         protocol_text=text,
         seed=protocol.seed,
         conduct=conduct_of(protocol),
+        curves=protocol.refined_curves(),
     )
 
 

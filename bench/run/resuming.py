@@ -10,6 +10,7 @@ from bench.run.by_workers import require_simulated
 from bench.run.differences import differences
 from bench.run.plan import plan_or_raise
 from bench.run.protocol_run import conduct_of, read_task
+from bench.run.refining import Refining
 from bench.run.runner import Crew, Rest, RunResult, carry_out, require_conditions, require_operator
 from bench.run.software import software_versions
 from bench.store.errors import RunError
@@ -89,13 +90,18 @@ def resume(
     if workforce is not None and not workforce.alone:
         require_simulated(station)
     other = _require_same_station(header, station, accept_differences)
-    planned, conduct = plan_or_raise(protocol.expand(), station), conduct_of(protocol)
+    conduct = conduct_of(protocol)
+    refining = Refining(protocol.refined_curves(), plan_or_raise(protocol.expand(), station), station)
     require_conditions(conduct, station)
     crew = Crew.of(progress, stop, operator, workforce)
     with RunWriter(folder, None) as writer:
         begun = _Begun(folder, header, tuple(read_journal(folder / JOURNAL_FILE)))
-        sound = begun.look_through(writer, planned, crew.progress)
-        other += begun.require_same_points(planned, sound, accept_differences)
+        refining.replay(begun.journal, str(folder / JOURNAL_FILE))
+        sound = begun.look_through(writer, refining.in_order(), crew.progress)
+        other += begun.require_same_points(refining.in_order(), sound, accept_differences)
+        refining.open(writer, header.roi, crew.progress.message)
+        refining.catch_up([item for item in refining.in_order() if _is_left(writer, item, retry_skipped)])
+        planned = refining.in_order()
         left = [item for item in planned if _is_left(writer, item, retry_skipped)]
         require_operator([item.point for item in left], operator)
         before = _before(writer, planned, left)
@@ -103,10 +109,11 @@ def resume(
             return _nothing_left(writer, begun, before, crew.progress)
         crew.progress.message(f"{before.done} of {len(planned)} points are done already")
         _tell_other_software(header.everything.get("software"), crew.progress)
-        rest = Rest(_identities(header), accept_differences, tuple(other))
-        taken = carry_out(left, station, folder, lambda: writer, crew, conduct, rest)
+        rest = Rest(_identities(header), header.roi, accept_differences, tuple(other))
+        taken = carry_out(left, station, folder, lambda: writer, crew, conduct, refining, rest)
     done, skipped = before.done + taken.done, before.skipped + taken.skipped
-    return RunResult(folder, header.id, done, len(planned), taken.stopped, resumable=True, skipped=skipped)
+    total = len(refining.in_order())
+    return RunResult(folder, header.id, done, total, taken.stopped, resumable=True, skipped=skipped)
 
 
 def _is_left(writer: RunWriter, item: PlannedPoint, retry_skipped: bool) -> bool:
@@ -222,13 +229,14 @@ class _Begun:
         if written and not written <= now:
             yield f"{self.folder / RUN_FILE}: the protocol in it has {len(now)} points, the run was begun with more"
         points = {item.point.index: item.point for item in planned}
-        for index, entry in sound.items():
-            if index in points and entry.file is not None:
-                yield from _other_point(self.folder / entry.file, points[index])
+        done = [(self.folder / e.file, points[i]) for i, e in sound.items() if i in points and e.file is not None]
+        # Where the checksum is known, a sound file is as it was written: the HDF5 library survives it.
+        probe(self.folder / e.file for e in sound.values() if e.file is not None and e.sha256 is None)
+        for file, point in done:
+            yield from _other_point(file, point)
 
 
 def _other_point(file: Path, point: Point) -> Iterator[str]:
-    probe([file])
     found = read_point(file, point.roi)
     before = {name: found.attributes.get(name) for name in ("measurement", "seed")}
     for line in differences(before, {"measurement": point.measurement, "seed": point.seed}):

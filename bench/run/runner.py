@@ -22,6 +22,7 @@ from bench.run.plan import plan_or_raise
 from bench.run.policies import Conduct
 from bench.run.progress import NoProgress
 from bench.run.reconnecting import Rig
+from bench.run.refining import Refining
 from bench.run.software import software_versions
 from bench.run.states import Course
 from bench.run.stop import StopFlag
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from bench.run.taking import Taken, Taking
     from bench.station import Station
     from protocols.points import Point, Roi
+    from protocols.refining import RefinedCurve
 
 __all__ = [
     "Crew",
@@ -72,6 +74,7 @@ class Task:
     protocol_text: str  #: as it was written
     seed: int
     conduct: Conduct = field(default_factory=Conduct)  #: what is done when something goes wrong
+    curves: tuple[RefinedCurve, ...] = ()  #: those to which points may be added
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +155,8 @@ def take_run(
     def open_writer() -> RunWriter:  # called once the devices have told who they are
         return RunWriter(folder, _header(task, station, run_id, roi))
 
-    taken = carry_out(planned, station, folder, open_writer, crew, task.conduct)
+    refining = Refining(task.curves, planned, station)
+    taken = carry_out(planned, station, folder, open_writer, crew, task.conduct, refining)
     resumable = bool(task.protocol)
     return RunResult(folder, run_id, taken.done, taken.total, taken.stopped, resumable, taken.skipped)
 
@@ -184,6 +188,7 @@ class Rest:
     """What is known of a run that is gone on with."""
 
     identities: dict[str, Any]  #: of the devices that it was begun with; empty if they are not known
+    roi: Roi  #: its window, which need not be that of the first point that is left
     accepted: bool = False  #: whether it goes on with others, too
     differences: tuple[str, ...] = ()  #: that the operator has accepted
 
@@ -195,6 +200,7 @@ def carry_out(
     open_writer: Callable[[], RunWriter],
     crew: Crew,
     conduct: Conduct,
+    refining: Refining,
     rest: Rest | None = None,
 ) -> Taken:
     """Take points into a run folder, and return what came of them; `open_writer` is called when all is ready.
@@ -205,6 +211,8 @@ def carry_out(
     ----------
     conduct
         What is done when something goes wrong.
+    refining
+        Adds points to curves.
     rest
         Where the points are what was left of a run.
     """
@@ -217,6 +225,7 @@ def carry_out(
         log = after.enter_context(contextlib.ExitStack())  # it sees the station being closed
         after.enter_context(_connected(station))
         begin = _begin(station, rest)
+        roi = planned[0].point.roi if rest is None else rest.roi
         writer = after.enter_context(open_writer())
         after.enter_context(_telling_how_to_go_on(folder, station, crew.progress))
         log.enter_context(log_into(folder / LOG_FILE))
@@ -227,22 +236,23 @@ def carry_out(
         dark = DarkRecording(station, planned[0].point.roi, planned[0].biases)
         holding = Holding(station, folder, control, crew.stop, course, crew.progress, conduct, dark)
         hands = Hands(writer, course, holding, crew.progress, crew.stop, crew.operator, conduct)
-        taking = _taking(planned, station, executor, watchdog, hands, crew)
-        return taking.take_all(planned, **begin)
+        refining.open(writer, roi, crew.progress.message)
+        taking = _taking(roi, station, executor, watchdog, hands, crew, refining)
+        return taking.take_all(refining.plan(planned), **begin)
 
 
 def _taking(
-    planned: Sequence[PlannedPoint],
+    roi: Roi,
     station: Station,
     executor: Executor | None,
     watchdog: Watchdog,
     hands: Hands,
     crew: Crew,
+    refining: Refining,
 ) -> Taking:
-    roi = planned[0].point.roi
     if executor is None:
-        return OneByOne(Rig(station, roi, hands.conduct.policy.reconnect, watchdog), watchdog, hands)
-    return ByWorkers(executor, station, roi, crew.workforce.cluster is None, hands)
+        return OneByOne(Rig(station, roi, hands.conduct.policy.reconnect, watchdog), watchdog, hands, refining)
+    return ByWorkers(executor, station, roi, crew.workforce.cluster is None, hands, refining)
 
 
 def _begin(station: Station, rest: Rest | None) -> dict[str, Any]:

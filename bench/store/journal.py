@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 __all__ = [
+    "PLAN_CHANGED",
     "POINT_STATES",
     "RUN_STATES",
     "JournalEntry",
@@ -22,10 +23,13 @@ __all__ = [
     "last_done",
     "read_journal",
     "skipped",
+    "whole_length",
 ]
 
 POINT_STATES: Final = ("planned", "started", "done", "failed", "skipped", "rejected")
 RUN_STATES: Final = ("run_started", "paused", "resumed", "suspended", "run_finished", "run_aborted")
+#: A line about the run as a whole that adds points to its plan; what the run is doing it does not say.
+PLAN_CHANGED: Final = "plan_changed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +69,13 @@ def read_journal(path: Path) -> list[JournalEntry]:
         elif number != last:
             raise RunError(f"{path}:{number + 1}:1: damaged line, expected a JSON object with a state")
     return entries
+
+
+def whole_length(content: bytes) -> int:
+    """Return the length of a journal, in bytes, to the end of its last line that is whole: from there it goes on."""
+    length = content.rfind(b"\n") + 1
+    last = content[:length].rstrip(b"\n").rfind(b"\n") + 1
+    return length if entry_of(content[last:length]) is not None else last
 
 
 def entry_of(line: bytes) -> JournalEntry | None:

@@ -8,8 +8,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
-import time
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -17,7 +15,8 @@ from bench.store import layout
 from bench.store.durable import lock_file, sync_file, sync_folder, write_whole
 from bench.store.errors import RunError
 from bench.store.header import use_plain_values
-from bench.store.journal import POINT_STATES, RUN_STATES, attempts, last_done, read_journal, skipped
+from bench.store.journal import PLAN_CHANGED, POINT_STATES, RUN_STATES, attempts, last_done, read_journal, skipped
+from bench.store.journal_file import JournalFile
 from bench.store.point_writer import PointWriter, cannot_write
 from bench.store.run import sha256_of
 from bench.store.signals import signals_later
@@ -32,8 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RunWriter", "is_being_written", "utc_now"]
 
-#: So long a lock is waited for: somebody may only be looking whether there is one.
-_LOCK_S: Final = 1.0
+#: States that promise something of files: only of those in the place where the run was begun.
+_PROMISES: Final = ("done", "rejected", "run_finished")
 
 
 def utc_now() -> str:
@@ -86,40 +85,36 @@ class RunWriter:
         self._skipped: set[int] = set()
         self._attempts: dict[int, int] = {}
         self._named: set[str] = set()  # names of files of points that the journal knows
+        self._journal: JournalFile | None = None
+        self._made = False  # the folder, by us
         if header is None:
             self._go_on()
         else:
             self._begin(header)
 
     def _begin(self, header: dict[str, Any]) -> None:
-        folder = self.folder
-        self._make_folder()
+        folder, path = self.folder, self.folder
+        if folder.exists():
+            raise RunError(f"{folder}: exists already, and a run never overwrites; choose another name")
         try:
-            write_whole(folder / layout.RUN_FILE, _yaml({"format": layout.RUN_FORMAT, **header}), layout.PART_SUFFIX)
-            # It stays open for the whole run: each line goes to disk on its own.
-            self._journal = (folder / layout.JOURNAL_FILE).open("ab", buffering=0)
-            lock_file(self._journal.fileno())
+            self._make_folder()
+            path = folder / layout.RUN_FILE
+            write_whole(path, _yaml({"format": layout.RUN_FORMAT, **header}), layout.PART_SUFFIX)
+            path = folder / layout.JOURNAL_FILE
+            self._journal = JournalFile(path, new=True)
             sync_folder(folder)
         except OSError as error:
             self._remove_folder()
-            raise cannot_write(folder / layout.RUN_FILE, error) from error
+            raise cannot_write(path, error) from error
 
     def _go_on(self) -> None:
         path = self.folder / layout.JOURNAL_FILE
         try:
-            self._journal = path.open("r+b", buffering=0)
-        except OSError as error:
-            raise cannot_write(path, error) from error
-        try:
-            self._lock()
-            whole = path.read_bytes().rfind(b"\n") + 1
-            self._journal.truncate(whole)
-            self._journal.seek(whole)
+            self._journal = JournalFile(path, new=False)
             self._know(read_journal(path))
             self._remove_halves()
             (self.folder / layout.CONTROL_FILE).unlink(missing_ok=True)  # a wish of before
         except BlockingIOError:
-            self.close()
             raise RunError(f"{self.folder}: another process is writing this run") from None
         except OSError as error:
             self.close()
@@ -127,18 +122,6 @@ class RunWriter:
         except RunError:
             self.close()
             raise
-
-    def _lock(self) -> None:
-        until = time.monotonic() + _LOCK_S
-        while True:
-            try:
-                lock_file(self._journal.fileno())
-            except BlockingIOError:
-                if time.monotonic() > until:
-                    raise
-                time.sleep(_LOCK_S / 20)
-            else:
-                return
 
     def _know(self, journal: list[JournalEntry]) -> None:
         self._done, self._skipped = set(last_done(journal)), set(skipped(journal))
@@ -160,7 +143,8 @@ class RunWriter:
 
     def close(self) -> None:
         """Close the journal; nothing can be written after that."""
-        self._journal.close()
+        if self._journal is not None:
+            self._journal.close()
 
     def note(self, state: str, point: int | None = None, **more: Any) -> None:
         """Append one line to the journal, and return when it is on disk.
@@ -174,6 +158,8 @@ class RunWriter:
         **more
             Further keys, as `reason`.
         """
+        if state in _PROMISES:
+            self._opened.require_place()
         attempt = {} if point is None else {"attempt": max(1, self._attempts.get(point, 1))}
         self._append([_line(state, point, attempt | more)])
 
@@ -182,14 +168,13 @@ class RunWriter:
         self._append([_line("planned", point, {}) for point in points])
 
     def _append(self, lines: list[dict[str, Any]]) -> None:
-        text = "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines)
-        data = memoryview(text.encode())
-        try:
-            while data:
-                data = data[self._journal.write(data) :]
-            os.fsync(self._journal.fileno())
-        except OSError as error:
-            raise cannot_write(self.folder / layout.JOURNAL_FILE, error) from error
+        self._opened.append("".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines))
+
+    @property
+    def _opened(self) -> JournalFile:
+        if self._journal is None:
+            raise ValueError("the journal is not open")
+        return self._journal
 
     def begin(self, index: int) -> int:
         """Note that the point `index` is begun, and return the number of the attempt, from 1."""
@@ -321,27 +306,29 @@ class RunWriter:
             part.unlink()
 
     def _make_folder(self) -> None:
-        if self.folder.exists():
-            raise RunError(f"{self.folder}: exists already, and a run never overwrites; choose another name")
-        try:
-            self.folder.parent.mkdir(parents=True, exist_ok=True)
-            self.folder.mkdir()
-            (self.folder / layout.POINTS_FOLDER).mkdir()
-            sync_folder(self.folder.parent)
-        except OSError as error:
-            raise cannot_write(self.folder, error) from error
+        self.folder.parent.mkdir(parents=True, exist_ok=True)
+        self.folder.mkdir()
+        self._made = True
+        (self.folder / layout.POINTS_FOLDER).mkdir()
+        sync_folder(self.folder.parent)
 
     def _remove_folder(self) -> None:
-        """Take back what :meth:`_make_folder` made; it holds nothing yet."""
-        with contextlib.suppress(OSError):
-            (self.folder / layout.RUN_FILE).unlink(missing_ok=True)
-            (self.folder / layout.POINTS_FOLDER).rmdir()
-            self.folder.rmdir()
+        """Take back what was made of a run that cannot be begun; it holds nothing yet."""
+        if self._journal is not None:
+            self._journal.close()
+        if not self._made:
+            return
+        for name in (layout.RUN_FILE, layout.JOURNAL_FILE):
+            with contextlib.suppress(OSError):
+                (self.folder / name).unlink(missing_ok=True)
+        for folder in (self.folder / layout.POINTS_FOLDER, self.folder):
+            with contextlib.suppress(OSError):
+                folder.rmdir()
 
 
 def _line(state: str, point: int | None, more: dict[str, Any]) -> dict[str, Any]:
     """Return one line of the journal."""
-    if state not in (POINT_STATES if point is not None else RUN_STATES):
+    if state not in (POINT_STATES if point is not None else (*RUN_STATES, PLAN_CHANGED)):
         raise ValueError(f"no such state of a {'run' if point is None else 'point'}: {state!r}")
     if point is None:
         return {"t": utc_now(), "state": state, "reason": None, **more}

@@ -40,6 +40,7 @@ class Seen:
     unreadable: Mapping[int, str]  #: why a finished point cannot be shown
     log: Sequence[str]  #: its last lines
     problems: Sequence[str]  #: what is wrong with the folder itself, for people
+    may_add: int = 0  #: how many points may still be added to curves
 
 
 def document(seen: Seen) -> dict[str, Any]:
@@ -95,11 +96,13 @@ def _progress(seen: Seen) -> dict[str, Any]:
     lasting = history.intervals[-1].start if closed and closed[-1].stop is None else None
     return {
         "total": len(states),
+        "at_most": len(states) + (0 if is_over(history) else seen.may_add),
         **{name: states.count(name) for name in sorted(set(states))},
         "finished": sum(point.done is not None for point in history.points.values()),
         "shown": len(seen.counts) + len(seen.unreadable),
         "begun": _text(history.intervals[0].start if history.intervals else None),
-        "measured_s": number(sum((i.stop - i.start).total_seconds() for i in closed if i.stop is not None)),
+        # None of an interval in which the clock was set back by more than it is long: what it took is not known.
+        "measured_s": number(sum(max(0.0, (i.stop - i.start).total_seconds()) for i in closed if i.stop is not None)),
         "running_since": _text(lasting),
         "ended": None if live or history.last is None else _text(history.last),
         "ends": _text(_end(history, seen.planned)) if lasting is not None else None,

@@ -5,14 +5,21 @@ Nothing that was measured is read with it; where the protocol is missing, or of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from bench.store.data import RunHeader
-    from protocols.points import Point, Polarity, Waveform
+from bench.store.journal import PLAN_CHANGED
 
-__all__ = ["PlannedLook", "planned_looks"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from bench.store.data import RunHeader
+    from bench.store.journal import JournalEntry
+    from protocols.points import Point, Polarity, Waveform
+    from protocols.schema import Protocol
+
+__all__ = ["PlannedLook", "SpareLooks", "planned_looks"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +36,51 @@ class PlannedLook:
 
 def planned_looks(header: RunHeader) -> dict[int, PlannedLook]:
     """Return the points that the protocol of a run asks for, by their position; none where it does not say."""
+    protocol = _protocol(header)
+    return {} if protocol is None else {point.index: _look(point) for point in protocol.expand()}
+
+
+@dataclass(frozen=True, slots=True)
+class SpareLooks:
+    """The points that may be added to curves while a run is taken."""
+
+    curves: Mapping[int, Mapping[int, PlannedLook]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, header: RunHeader) -> SpareLooks:
+        """Return what the protocol of a run allows."""
+        protocol = _protocol(header)
+        curves = () if protocol is None else protocol.refined_curves()
+        return cls({curve.number: {point.index: _look(point) for point in curve.spare} for curve in curves})
+
+    def added(self, journal: Sequence[JournalEntry]) -> dict[int, PlannedLook]:
+        """Return the points that were added, as far as the lines of a journal tell them."""
+        spare = {index: look for looks in self.curves.values() for index, look in looks.items()}
+        return {
+            index: replace(spare[index], log_contrast=log_contrast)
+            for entry in journal
+            for index, log_contrast in _added(entry)
+            if index in spare
+        }
+
+    def may_add(self, journal: Sequence[JournalEntry]) -> int:
+        """Return how many points may still be added."""
+        added = self.added(journal)
+        ended = [e.everything.get("curve") for e in journal if e.state == PLAN_CHANGED and not list(_added(e))]
+        left = [looks for number, looks in self.curves.items() if number not in ended]
+        return sum(index not in added for looks in left for index in looks)
+
+
+def _added(entry: JournalEntry) -> Iterable[tuple[int, float]]:
+    """Yield number and contrast of the points that a line adds to the plan."""
+    points = entry.everything.get("points") if entry.state == PLAN_CHANGED else None
+    for one in points if isinstance(points, list) else ():
+        index, log_contrast = (one.get("index"), one.get("log_contrast")) if isinstance(one, dict) else (None, None)
+        if isinstance(index, int) and isinstance(log_contrast, float) and math.isfinite(log_contrast):
+            yield index, log_contrast
+
+
+def _protocol(header: RunHeader) -> Protocol | None:
     from pydantic import ValidationError
 
     from protocols.errors import InputError
@@ -36,12 +88,11 @@ def planned_looks(header: RunHeader) -> dict[int, PlannedLook]:
 
     written = header.everything.get("protocol")
     if not isinstance(written, dict) or not written:
-        return {}
+        return None
     try:
-        points = Protocol.model_validate(written).expand()
+        return Protocol.model_validate(written)
     except (ValidationError, InputError):
-        return {}
-    return {point.index: _look(point) for point in points}
+        return None
 
 
 def _look(point: Point) -> PlannedLook:

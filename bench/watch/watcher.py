@@ -21,7 +21,7 @@ from bench.watch.counter import Counter
 from bench.watch.document import Seen, document
 from bench.watch.history import History, history_of
 from bench.watch.journal_tail import JournalTail
-from bench.watch.planned import planned_looks
+from bench.watch.planned import SpareLooks, planned_looks
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -88,7 +88,9 @@ class Watcher:
         """Follow the run of this header, from its beginning."""
         self._header = header
         self._header_file = self._identity()
-        self._planned = planned_looks(header)
+        self._looks = self._planned = planned_looks(header)
+        self._spare = SpareLooks.of(header)
+        self._may_add = 0
         self._tail = JournalTail(self._folder / JOURNAL_FILE)
         self._counter = Counter(self._folder, header.roi)
         self._history: History = history_of(())
@@ -133,7 +135,17 @@ class Watcher:
             return
         counts, unreadable = self._counter.known()
         state = document(
-            Seen(self._header, self._history, written, self._planned, counts, unreadable, self._log_lines(), problems)
+            Seen(
+                self._header,
+                self._history,
+                written,
+                self._planned,
+                counts,
+                unreadable,
+                self._log_lines(),
+                problems,
+                self._may_add,
+            )
         )
         body = json.dumps(state, separators=(",", ":"), allow_nan=False).encode()
         packed = gzip.compress(body, _COMPRESSION, mtime=0)
@@ -157,6 +169,8 @@ class Watcher:
             return self._without_journal()
         if changed:
             self._history = history_of(self._tail.entries)
+            self._planned = {**self._looks, **self._spare.added(self._tail.entries)}
+            self._may_add = self._spare.may_add(self._tail.entries)
             self._counter.want(self._history.files)
         lines = ", ".join(str(line) for line in self._tail.damaged[:5])
         return [f"The journal is damaged in line {lines}; these lines are left out."] if lines else []

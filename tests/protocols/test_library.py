@@ -30,6 +30,7 @@ POINTS = {
     "paper_square": 420,
     "pulse_width": 168,
     "quick_look": 64,
+    "refined_quick_look": 16,
 }
 
 

@@ -45,7 +45,8 @@ function drawState() {
   $("why").textContent = why(run) + reading;
   document.title = `${Math.floor((100 * taken) / Math.max(1, progress.total))} % ${run.name} – ${about.title}`;
   const elapsed = progress.measured_s + (progress.running_since ? Math.max(0, since_s(progress.running_since)) : 0);
-  const numbers = [["points done", [`${taken}`, make("small", "", ` of ${progress.total}`)]]];
+  const atMost = progress.at_most > progress.total ? ` (at most ${progress.at_most})` : "";
+  const numbers = [["points done", [`${taken}`, make("small", "", ` of ${progress.total}${atMost}`)]]];
   for (const name of ["doubtful", "bad", "failed", "skipped"])
     if (progress[name]) numbers.push([state.words[name], [`${progress[name]}`]]);
   numbers.push(["measuring time", [durationText(elapsed)]]);
