@@ -12,14 +12,16 @@
 PYTHON ?= python3
 VENV   ?= .venv
 SEED   ?= 1
-# As many processes as processors take the tests; WORKERS=0 takes them in one, for a debugger. A process that has come
-# to the end of its tests takes half of what another has left, so neighbours mostly share their fixtures.
-WORKERS ?= logical
+# One process more than there are processors takes the tests, because some wait for a time-out or for another process;
+# WORKERS=0 takes them in one, for a debugger. A process that has come to the end of its tests takes half of what another
+# has left, so neighbours mostly share their fixtures.
+WORKERS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 # Cases of the planted-effect study that run side by side.
 STUDY_WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
-PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8 --dist worksteal
+# Hundreds of processes are started: they keep what they compile, whatever the environment says.
+PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8 --dist worksteal
 
 # Each level of the environment is a stamp, so that `make demo` does not wait for what only the developers need.
 RUN_ENV  := $(VENV)/.ready-run

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -23,10 +24,29 @@ _logger.addHandler(logging.NullHandler())
 _WRITTEN_TO: Final = "evs_bench_log"
 
 
+class _Log(logging.FileHandler):
+    """A log that a disk may refuse: what is being done matters more, and has its own way to tell of the disk."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a line, if the file can be opened."""
+        with contextlib.suppress(OSError):
+            super().emit(record)
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - its name in logging
+        """Do without the line, where the disk does not take it; a bug of ours is shown."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handleError(record)
+
+    def close(self) -> None:
+        """Close the file, whatever of it the disk has taken."""
+        with contextlib.suppress(OSError):
+            super().close()
+
+
 @contextlib.contextmanager
 def log_into(file: Path) -> Iterator[None]:
     """Append everything that is logged meanwhile to `file`."""
-    handler = logging.FileHandler(file, encoding="utf-8")
+    handler = _Log(file, encoding="utf-8", delay=True)
     handler.setFormatter(logging.Formatter(_FORMAT))
     _logger.addHandler(handler)
     _logger.setLevel(logging.INFO)

@@ -76,17 +76,19 @@ def _state(entries: Sequence[JournalEntry]) -> str:
 
 
 def _duration_s(entries: Sequence[JournalEntry]) -> float | None:
-    """Return the sum of the sessions: a night between an interruption and `resume` is not the run's."""
-    total_s, begin, last = 0.0, None, None
+    """Return the sum of the sessions: a night between an interruption and `resume` is not the run's.
+
+    It is added up from line to line: where the clock was set back, only what passed between two lines is not known.
+    """
+    total_s, last = None, None
     for entry in entries:
         now = journal_time(entry)
         if now is None:
             continue
-        if begin is None or last is None or (entry.point is None and entry.state in _BEGINNINGS):
-            total_s += _between_s(begin, last)
-            begin = now
+        begins = entry.point is None and entry.state in _BEGINNINGS
+        total_s = (total_s or 0.0) + (0.0 if begins else _between_s(last, now))
         last = now
-    return None if begin is None else total_s + _between_s(begin, last)
+    return total_s
 
 
 def _between_s(begin: datetime | None, end: datetime | None) -> float:

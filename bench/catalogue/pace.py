@@ -11,13 +11,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
-from bench.catalogue.catalogue import read_catalogue, stamp_of
-from bench.catalogue.counts import journal_time
-from bench.catalogue.index import Index
-from bench.catalogue.summary import read_run_file, roles_text
-from bench.store.errors import RunError
-from bench.store.journal import read_journal
-from bench.store.layout import JOURNAL_FILE
 from protocols.estimation import recording_s
 
 if TYPE_CHECKING:
@@ -106,6 +99,12 @@ def learned_pace(runs_folder: Path, station: Station) -> Pace | None:
     Runs on the same station are those on one of its name and with its drivers. Runs that several workers took at
     once tell nothing. Returns None where there is no such run, or no such folder.
     """
+    if not runs_folder.is_dir():
+        return None
+    from bench.catalogue.catalogue import read_catalogue
+    from bench.catalogue.summary import roles_text
+    from bench.store.errors import RunError
+
     try:
         entries = read_catalogue(runs_folder, at_most=_READ_AT_MOST).entries
     except RunError:
@@ -118,6 +117,9 @@ def learned_pace(runs_folder: Path, station: Station) -> Pace | None:
 
 def _paces(folder: Path, entries: Sequence[RunEntry]) -> list[dict[str, Any]]:
     """Return the pace of each run that tells one; what was worked out before stands in the index."""
+    from bench.catalogue.catalogue import stamp_of
+    from bench.catalogue.index import Index
+
     index = Index(folder)
     known = index.read()
     found, fresh = [], {}
@@ -137,6 +139,9 @@ def _pace_of(folder: Path) -> dict[str, Any]:
     """Return the pace of the run in `folder`; an empty one where it does not tell."""
     from pydantic import ValidationError
 
+    from bench.catalogue.summary import read_run_file
+    from bench.store.journal import read_journal
+    from bench.store.layout import JOURNAL_FILE
     from protocols.errors import InputError
     from protocols.schema import Protocol
 
@@ -203,6 +208,8 @@ def _taken(journal: Iterable[JournalEntry], points: Mapping[int, Point]) -> Iter
 
 
 def _between_s(begin: JournalEntry, end: JournalEntry) -> float | None:
+    from bench.catalogue.counts import journal_time
+
     first, last = journal_time(begin), journal_time(end)
     if first is None or last is None or last < first:
         return None

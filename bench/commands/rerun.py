@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from bench.commands.common import blind_station_option, effects_option, json_option
+from bench.commands.notifying import notify_option
 from bench.commands.running import (
     OperatorSteps,
     operator_option,
@@ -26,6 +27,7 @@ __all__ = ["command"]
 @effects_option
 @workforce_options
 @operator_option
+@notify_option
 @json_option
 def command(
     run: Path,
@@ -34,11 +36,14 @@ def command(
     workers: int,
     cluster: str | None,
     operator_steps: OperatorSteps,
+    notify: Path | None,
     as_json: bool,
 ) -> int:
     """Take RUN again, from the protocol, station and seed that are written in it.
 
     On a simulated station the events are the same, one by one.
+
+    Example:  evs-bench rerun my_run --out again
     """
-    result = take_again(run, station, out, operator_steps, workforce_of(workers, cluster))
+    result = take_again(run, station, out, operator_steps, workforce_of(workers, cluster), notify)
     return print_result(result, as_json)

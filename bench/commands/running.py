@@ -117,19 +117,23 @@ def take_again(
     out: Path | None,
     steps: OperatorSteps = "ask",
     workforce: Workforce | None = None,
+    notify: Path | None = None,
 ) -> RunResult:
     """Run again what is written in the run folder `run`."""
+    from bench.notices import notifying, with_notices
     from bench.run import rerun
     from bench.run.progress import progress_for
 
-    return rerun(
-        run,
-        out,
-        station=_given(station),
-        progress=progress_for(sys.stderr),
-        operator=_operator(steps),
-        workforce=workforce,
-    )
+    bench = _given(station)
+    with notifying(notify, say) as notifier:
+        return with_notices(
+            lambda progress: rerun(
+                run, out, station=bench, progress=progress, operator=_operator(steps), workforce=workforce
+            ),
+            progress_for(sys.stderr),
+            notifier,
+            lambda: _facts_of_written(run, bench, out),
+        )
 
 
 def take_the_rest(
@@ -143,17 +147,11 @@ def take_the_rest(
     notify: Path | None = None,
 ) -> RunResult:
     """Take the points of the run folder `run` that are not done."""
-    from bench.notices import facts_of, notifying, with_notices
+    from bench.notices import notifying, with_notices
     from bench.run import resume
     from bench.run.progress import progress_for
-    from bench.run.protocol_run import read_task
 
     bench = _given(station)
-
-    def facts() -> RunFacts:
-        _, protocol, written = read_task(run, bench)
-        return facts_of(protocol, written.name, run)
-
     with notifying(notify, say) as notifier:
         return with_notices(
             lambda progress: resume(
@@ -167,8 +165,17 @@ def take_the_rest(
             ),
             progress_for(sys.stderr),
             notifier,
-            facts,
+            lambda: _facts_of_written(run, bench, run),
         )
+
+
+def _facts_of_written(run: Path, station: Station | None, folder: Path | None) -> RunFacts:
+    """Return what notices say of a run into `folder` of what is written in the run folder `run`."""
+    from bench.notices import facts_of
+    from bench.run.protocol_run import read_task
+
+    _, protocol, written = read_task(run, station)
+    return facts_of(protocol, written.name, folder)
 
 
 def _given(station: str | None) -> Station | None:

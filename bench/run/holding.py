@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Holding"]
 
 _log = logging.getLogger("evs_bench.run")
+_BY_OPERATOR: Final = "by the operator"
 _LOOK_S: Final = 0.2  #: so often a run that is paused looks whether it may go on
 _SLICE_S: Final = 1.0  #: so often one that is suspended looks for the operator
 
@@ -77,13 +78,15 @@ class Holding:
         self._progress = progress
         self._suspend = conduct.suspend
         self.touched = False
+        self._given_up_for = ""  # what the run waited for, for too long: why it is paused
         self._suspenders = self._conditions(folder, dark_rate)
 
     def may_go_on(self, watch: Stopwatch) -> bool:
         """Wait as long as the run is to be held, and return whether it may go on; else somebody wishes to stop."""
         while not self._stop.requested:
             if self._control.pause:
-                self.pause(watch, "by the operator")
+                why_paused, self._given_up_for = self._given_up_for or _BY_OPERATOR, ""
+                self.pause(watch, why_paused)
                 continue
             why = self._why_not()
             if why is None or self._suspend is None:
@@ -135,7 +138,7 @@ class Holding:
             return False
         text = f"suspended for {waited_s:.0f} s, and given up: {why}"
         if suspend.then == "pause":
-            self._progress.message(text)
+            self._given_up_for = text
             self._control.hold()
         else:
             self._stop.reason = text

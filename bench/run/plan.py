@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -126,12 +127,15 @@ def _plan_point(point: Point, station: Station, problems: list[_Problem]) -> Pla
 
 
 def _contrast_of(stimulus: Stimulus, point: Point) -> float:
-    """Return the log contrast of the steps at which the windows begin."""
+    """Return the log contrast of the steps at which the windows begin; infinite from or into darkness."""
     if not stimulus.pulse_start_s.size or point.log_contrast == 0.0:
         return point.log_contrast
     edge = np.searchsorted(stimulus.t_s, stimulus.pulse_start_s + _SAME_TIME_S, side="right") - 1
     edge = edge[edge > 0]
-    return float(np.median(np.abs(np.log(stimulus.lux[edge] / stimulus.lux[edge - 1]))))
+    before, after = stimulus.lux[edge - 1], stimulus.lux[edge]
+    if not (before.all() and after.all()):  # a level below half a step is set to 0
+        return math.inf
+    return float(np.median(np.abs(np.log(after / before))))
 
 
 def _collect(problems: list[_Problem], ask: Callable[[], _T]) -> _T | None:

@@ -89,14 +89,14 @@ class Course:
             return
         if state not in FOLLOWS[self.state]:
             raise WrongTransition(f"a run that is {self.state} cannot become {state}")
-        before, self.state, self.reason = self.state, state, reason
         level = logging.INFO if state in _LINES else logging.DEBUG
         _log.log(level, "%s%s", state, f": {reason}" if reason else "")
-        if before in _HELD and state not in ENDS:
-            self._note("resumed", reason=f"was {before}")
+        if self.state in _HELD and state not in ENDS:
+            self._note("resumed", reason=f"was {self.state}")
         if state in _LINES:
             more = {"end": str(state)} if state in _STOPPED else {}
             self._note(_LINES[state], reason=reason, **more)
+        self.state, self.reason = state, reason  # now: a line that could not be written may still end the run
 
 
 def state_of(journal: Iterable[JournalEntry]) -> tuple[State, str | None]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -141,7 +142,7 @@ class BiasMap:
         setter: dict[str, str] = {}
         for quantity, value in values.items():
             curve = self.curve(quantity)
-            offset = curve.offset_for(value)
+            offset = _offset_for(curve, value)
             if found.setdefault(curve.bias, offset) != offset:
                 raise InputError(
                     f"{quantity} {value:g} {curve.unit} needs {curve.bias} at offset {offset}, "
@@ -149,3 +150,8 @@ class BiasMap:
                 )
             setter.setdefault(curve.bias, quantity)
         return found
+
+
+@lru_cache(maxsize=256)  # a protocol asks for a few values, at hundreds of points
+def _offset_for(curve: BiasCurve, value: float) -> int:
+    return curve.offset_for(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -213,5 +214,26 @@ _TRIGGERS: Final = (layout.TRIGGER_T, layout.TRIGGER_P)
 
 
 def cannot_write(path: Path, error: OSError) -> RunError:
-    """Return the one line that says that `path` could not be written, and why."""
-    return RunError(f"{path}: could not be written: {error.strerror or error}")
+    """Return the one line that says that `path` could not be written, why, and what to do where that is known."""
+    advice = _ADVICE.get(error.errno or 0)
+    if error.errno == errno.ENOENT and not path.parent.exists():
+        advice = f"{_missing(path)} was removed or renamed, put it back"
+    return RunError(f"{path}: could not be written: {error.strerror or error}{f'; {advice}' if advice else ''}")
+
+
+def _missing(path: Path) -> Path:
+    """Return the outermost folder above `path` that is not there."""
+    return [folder for folder in path.parents if not folder.exists()][-1]
+
+
+_ROOM: Final = "make room on this disk"
+_RIGHT: Final = "let it be written, or choose another folder"
+_ADVICE: Final = {
+    errno.ENOSPC: _ROOM,
+    getattr(errno, "EDQUOT", errno.ENOSPC): "your share of this disk is used up: make room",
+    errno.EFBIG: "this disk, or your account, takes no file of this size",
+    errno.EROFS: _RIGHT,
+    errno.EACCES: _RIGHT,
+    errno.EPERM: _RIGHT,
+    errno.EIO: "the disk fails: look at it before you go on",
+}

@@ -96,22 +96,20 @@ def _after_the_rename(countdown: _Countdown) -> None:
 
 def _in_a_journal_line(countdown: _Countdown) -> None:
     """Die when half of a line is in the journal."""
-    import json
+    from bench.store.journal_file import JournalFile
 
-    from bench.store.writer import RunWriter
+    function = JournalFile.append
 
-    function = getattr(RunWriter, "_append")  # noqa: B009 - it is private, and the place that is wanted
-
-    def dying(self: Any, lines: list[dict[str, Any]]) -> None:
+    def dying(self: Any, text: str) -> None:
         if not countdown.is_over():
-            function(self, lines)
+            function(self, text)
             return
-        line = json.dumps(lines[0]).encode()
-        self._journal.write(line[: len(line) // 2])
-        os.fsync(self._journal.fileno())
+        line = text.encode()
+        self._file.write(line[: len(line) // 2])
+        os.fsync(self._file.fileno())
         _die()
 
-    _put(RunWriter, "_append", dying)
+    _put(JournalFile, "append", dying)
 
 
 def _during_resume(countdown: _Countdown) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import os
 import socket
@@ -182,9 +183,18 @@ class UsbTmcPort:
         self._fd: int | None = None
 
     def open(self) -> None:
-        """Open it; harmless if it is open."""
-        if self._fd is None:
-            self._fd = os.open(Path(self.path), os.O_RDWR)
+        """Open it, for this process alone; harmless if it is open."""
+        import fcntl
+
+        if self._fd is not None:
+            return
+        fd = os.open(Path(self.path), os.O_RDWR)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(fd)
+            raise OSError(errno.EBUSY, "another program is using it", self.path) from error
+        self._fd = fd
 
     def close(self) -> None:
         """Close it; harmless if it is closed."""

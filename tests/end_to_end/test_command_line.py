@@ -85,6 +85,21 @@ def test_each_command_has_help_and_loads_nothing_heavy(tmp_path: Path) -> None:
     assert [line.split()[2] for line in told] == list(COMMANDS)
 
 
+def test_a_look_at_a_protocol_loads_nothing_that_takes_or_analyses_points(tmp_path: Path) -> None:
+    code = (
+        "import sys\n"
+        "from bench.cli import run\n"
+        "code = run(['check', 'quick_look'])\n"
+        "of_no_use = {'numba', 'matplotlib', 'scipy', 'h5py', 'pandas', 'sqlite3', 'starlette', 'rich', 'dask',\n"
+        "    'multiprocessing', 'bench.run.runner', 'bench.run.protocol_run', 'bench.run.measuring',\n"
+        "    'bench.alignment', 'bench.analysis'}\n"
+        "sys.exit(code or ', '.join(sorted(of_no_use & set(sys.modules))) or 0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.endswith("this can be taken\n")
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _DEVICES = {"wheel": "filter wheel", "operator": "filter", "camera": "camera"}
 #: Of each instrument and fault so many requests, drawn by lot.
-_DRAWN = 2
+_DRAWN = 1
 KINDS = [(*head, fault) for head, faults in FAULTS.items() for fault in faults]
 
 

@@ -184,6 +184,24 @@ def test_a_contrast_into_darkness() -> None:
     assert str(error).endswith("needs a level below the lowest, which becomes darkness")
 
 
+@pytest.mark.parametrize(
+    ("level_step", "stimulus", "worst_points"),
+    [
+        (25.0, "{kind: square, frequency_hz: 5}", {0, 1, 2}),  # 10 levels become 0
+        (12.0, "{kind: reset_test, polarity: off, reset_s: 0.1, test_s: 0.1, gap_s: 0.1, "
+               "reset_contrast: {scale: log, value: 1.0}}", {2}),  # and 10 e^-1 where the rest are 12
+    ],
+)  # fmt: skip
+def test_a_level_that_becomes_darkness_has_an_infinite_contrast(
+    make_station: StationMaker, level_step: float, stimulus: str, worst_points: set[int]
+) -> None:
+    station, text = make_station(), STEPS.replace("{kind: square, frequency_hz: 5}", stimulus)
+    station.light.level_step = level_step
+    planned, _ = plan(parse_protocol(text, "s.yaml").protocol.expand(), station)
+    assert {one.point.index for one in planned if math.isinf(one.log_contrast)} == worst_points
+    assert str(worst_contrast(planned)).endswith("which becomes darkness")
+
+
 def test_the_disk(
     levels: Protocol, make_station: StationMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

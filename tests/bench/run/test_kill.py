@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 SCRIPT = Path(__file__).parent / "kill_script.py"
 KILLS = 8
+#: The most points before a kill, and the most events of one whose file takes a while to write.
+LATEST, LARGE = 8, 100_000
 
 
 class Child:
@@ -95,7 +97,7 @@ def test_two_interrupts_in_quick_succession_crash_nothing(
     rng = np.random.default_rng(8)
     for number in range(8):
         folder = tmp_path / f"run{number}"
-        child = begin(folder, 200_000)
+        child = begin(folder, LARGE)
         for _ in range(int(rng.integers(1, 6))):
             child.stderr.readline()
         child.send_signal(signal.SIGINT)
@@ -116,8 +118,8 @@ def test_every_point_that_is_done_survives_a_kill(begin: Callable[[Path, int], C
     for number in range(KILLS):
         folder = tmp_path / f"run{number}"
         writing = number % 2 == 0
-        child = begin(folder, 200_000 if writing else 20_000)
-        _kill_at_a_random_moment(child, folder, int(rng.integers(0, 20)), float(rng.uniform(0.0, 0.03)), writing)
+        child = begin(folder, LARGE if writing else 20_000)
+        _kill_at_a_random_moment(child, folder, int(rng.integers(0, LATEST)), float(rng.uniform(0.0, 0.03)), writing)
         run = Run.open(folder)
         assert run.journal[0].state == "run_started"
         for file in run.files:

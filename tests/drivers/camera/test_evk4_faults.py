@@ -147,11 +147,11 @@ def test_no_fault_goes_unnoticed() -> None:
 
 
 @pytest.mark.slow
-def test_none_of_a_thousand_faults_goes_unnoticed() -> None:
-    tally = run(1000, seed=11)
+def test_none_of_hundreds_of_faults_goes_unnoticed() -> None:
+    tally = run(500, seed=11)
     for fault in ON_THE_WIRE:
-        assert tally.refused[fault] > 20, fault
+        assert tally.refused[fault] > 10, fault
         assert not tally.flagged[fault]
-    assert tally.flagged[Fault.OVERFLOW] > 50
-    assert tally.unharmed[Fault.TRIGGERS_MISSED] > 50
+    assert tally.flagged[Fault.OVERFLOW] > 40
+    assert tally.unharmed[Fault.TRIGGERS_MISSED] > 40
     assert not any(tally.refused[fault] for fault in ON_THE_STREAM)
