@@ -12,10 +12,9 @@
 PYTHON ?= python3
 VENV   ?= .venv
 SEED   ?= 1
-# One process more than there are processors takes the tests, because some wait for a time-out or for another process;
-# WORKERS=0 takes them in one, for a debugger. A process that has come to the end of its tests takes half of what another
-# has left, so neighbours mostly share their fixtures.
-WORKERS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
+# As many processes as processors take the tests; WORKERS=0 takes them in one, for a debugger. A process that has come
+# to the end of its tests takes half of what another has left, so neighbours mostly share their fixtures.
+WORKERS ?= logical
 # Cases of the planted-effect study that run side by side.
 STUDY_WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
 BIN    := $(VENV)/bin

@@ -42,6 +42,8 @@ _LESS_WRONG: Final = 0.03
 _SHORT_OF: Final = 0.2
 #: A loss per statistic below this is that of a model that lacks little.
 _GOOD: Final = 2.0
+#: A loss with little effort that is lower by this is lower.
+_CLEARLY: Final = 10.0
 #: Models whose loss, with little effort, is more than so many times that of the best, and so much more for chance,
 #: are out of the race.
 _RIVALS: Final = (1.5, 100.0)
@@ -112,7 +114,8 @@ def race(problem: Problem, entrants: Sequence[Approach]) -> list[Approach | None
             again = _beside(problem, replace(entrants[k], cloud=one.cloud), best)
             found[k] = min(one, again, key=lambda way: way.loss)
     kept = _rivals(found, _EARLY_RIVALS)
-    return _rivals([way and further(problem, way, _FURTHER) for way in kept], _RIVALS)
+    ends = [way and further(problem, way, _FURTHER) for way in kept]
+    return _rivals([way and _resized(problem, way) for way in ends], _RIVALS)
 
 
 def _best(ways: Sequence[Approach | None]) -> Approach | None:
@@ -134,18 +137,42 @@ def _along(
     )  # fmt: skip
 
 
+def _resized(problem: Problem, way: Approach) -> Approach:
+    """Return a way, or one that goes on from another size of its effect where that is clearly better.
+
+    What few statistics tell, a leak in the background, may be wrong by a factor where all others agree: a valley.
+    """
+    mine = _switches(way)
+    tries = []
+    for factor in _SCANS[0]:
+        to = way.at.copy()
+        for i in mine:
+            free = way.slots[i].free
+            to[i] = math.copysign(factor * free.coordinate(free.probe), way.at[i])
+        tries.append(inside(way.slots, to))
+    seen = scanned(problem, way, tries)
+    if seen.loss > way.loss - _CLEARLY:
+        return replace(way, cloud=seen.cloud)
+    again = _along(problem, seen, _FAR, _LESS_WRONG, _SHORT_OF)
+    return min(way, again, key=lambda one: one.loss)
+
+
+def _switches(one: Approach) -> list[int]:
+    """Return the places of the numbers that switch the last effect of a model on."""
+    added = one.model.effect(one.slots[-1].free.owner)
+    if added is None:
+        raise ValueError(f"no effect {one.slots[-1].free.owner} in the model of an entrant")
+    names = {f.name for f in switches(type(added))}
+    return [i for i, s in enumerate(one.slots) if s.free.owner == added.id and s.free.name in names]
+
+
 def _beside(problem: Problem, one: Approach, best: Approach) -> Approach:
     """Return an entrant with the numbers of the best, but for its own effect's: these in the size that suits best.
 
     What comes near to the best goes on from there.
     """
-    added = one.model.effect(one.slots[-1].free.owner)
-    if added is None:
-        raise ValueError(f"no effect {one.slots[-1].free.owner} in the model of an entrant")
-    names = {f.name for f in switches(type(added))}
-    own = [slot.free.owner == added.id for slot in one.slots]
-    mine = [i for i, slot in enumerate(one.slots) if own[i] and slot.free.name in names]
-    shared = np.array(best.at[: own.index(True)])
+    mine = _switches(one)
+    shared = np.array(best.at[: mine[0]])
     size = np.array([one.slots[i].free.coordinate(one.slots[i].free.probe) for i in mine])
     seen, at = one, np.concatenate([shared, one.at[len(shared) :]])
     tries = [one.at]

@@ -95,8 +95,20 @@ def test_those_before_the_best_are_tried_with_its_numbers(walks: dict[str, list[
     found = race(FakeProblem(), [LEAK, DARK])  # type: ignore[arg-type]
     assert [way and way.loss for way in found] == [None, 90.0]
     assert walks["along"] == ["leak", "dark_current"]  # nothing was known that explains the run
-    assert walks["looks"] == ["leak"] * 14
+    assert walks["looks"] == ["leak"] * 14 + ["dark_current"] * 7  # at the end its own size is doubted
     assert walks["further"] == ["dark_current"]
+
+
+def test_a_way_that_ended_at_another_size_goes_on_from_where_it_is_better(
+    walks: dict[str, list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def into_a_valley(_: Any, way: Approach, __: int) -> Approach:
+        return replace(way, at=np.array([1.0, 0.3]), loss=8000.0)
+
+    monkeypatch.setattr(module, "further", into_a_valley)
+    found = race(FakeProblem(), [DARK])  # type: ignore[arg-type]
+    assert [way and way.loss for way in found] == [90.0]
+    assert walks["along"] == ["dark_current", "dark_current"]
 
 
 def test_what_is_known_beforehand_starts_where_it_is_known_to_be() -> None:

@@ -232,9 +232,10 @@ def requests_of_a_play(dialect: str) -> tuple[int, int]:
 
 def play_with(dialect: str, fault: Fault, at: int) -> tuple[str, ScpiBench]:
     faults = Faults([FaultPlan(fault, at, seconds=0.15 if fault is Fault.REPLY_LATE else 0.05)])
-    bench = scpi_bench(dialect, faults=faults, timeout_s=0.1)
+    bench = scpi_bench(dialect, faults=faults, timeout_s=30.0)
     bench.light.connect()
     bench.light.set_level(2.0)
+    bench.light._talk._link.timeout_s = 0.1  # of a busy machine not before: there is no fault yet
     said = ""
     try:
         bench.light.play(pulses(2))
