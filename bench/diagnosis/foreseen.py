@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.parameters import ALIGNMENT
-from bench.diagnosis.probing import reliable
+from bench.diagnosis.probing import chance_of, reliable
 from bench.diagnosis.problem import Problem, settings_of
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import measured
@@ -141,8 +141,7 @@ def apart_at(
     columns = new.whiten(new.jacobian.mean(axis=0), there.measured.points)
     left = columns.T @ columns + _precision(covariance) / of_all
     taken = np.linalg.lstsq(left, columns.T @ second, rcond=1e-10)[0]
-    chance = float(np.sum((first - second) ** 2)) / (2.0 * math.sqrt(len(first)))
-    square = float(first @ second - (first @ columns) @ taken) - _SURELY * chance
+    square = float(first @ second - (first @ columns) @ taken) - _SURELY * chance_of(first, second)
     return math.sqrt(max(square, 0.0) * of_all)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.catalogue import sized, switches
-from bench.diagnosis.probing import reliable
+from bench.diagnosis.probing import chance_of, reliable
 from bench.diagnosis.screen import basis_of, beyond, extended
 
 if TYPE_CHECKING:
@@ -146,5 +146,4 @@ def _surely(halves: Floats) -> float:
     The product of both halves has no chance in its mean; its standard error follows from their difference.
     """
     first, second = halves
-    chance = float(np.sum((first - second) ** 2)) / (2.0 * math.sqrt(len(first)))
-    return math.sqrt(max(float(first @ second) - _SURELY * chance, 0.0))
+    return math.sqrt(max(float(first @ second) - _SURELY * chance_of(first, second), 0.0))
