@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.analysis.tally import GroupTally
+    from bench.store.data import PointData
     from protocols.points import Roi, Waveform
 
 __all__ = ["Entry", "curve_counts", "curve_keys", "settings_labels"]
@@ -37,6 +38,20 @@ class Entry:
     roi: Roi
     active: npt.NDArray[np.bool_]  #: (pixels,)
     tally: GroupTally
+
+    @classmethod
+    def of(cls, point: PointData, active: npt.NDArray[np.bool_], tally: GroupTally) -> Entry:
+        """Return the answers to one group of pulses of a point, of its pixels that are `active`."""
+        return cls(
+            point=point.index,
+            waveform=point.waveform,
+            baseline_lux=point.baseline_lux,
+            nd_od=point.nd_od,
+            bias=point.bias,
+            roi=point.roi,
+            active=active,
+            tally=tally,
+        )
 
 
 def settings_labels(biases: Sequence[dict[str, float]]) -> list[str]:

@@ -59,18 +59,8 @@ class _Collected:
         """Take the counts of one point in."""
         active = self._shared(tally.active)
         for group in tally.groups:
-            self.entries.append(
-                Entry(
-                    point=point.index,
-                    waveform=point.waveform,
-                    baseline_lux=point.baseline_lux,
-                    nd_od=point.nd_od,
-                    bias=point.bias,
-                    roi=point.roi,
-                    active=active,
-                    tally=compact(group, square=point.waveform == "square"),
-                )
-            )
+            own = compact(group, square=point.waveform == "square")
+            self.entries.append(Entry.of(point, active, own))
         if point.waveform == "constant":
             self.constant.append((point.bias, background_rows(point, tally, "")))
             self.warnings.extend(f"point {point.index}: {text}" for text in drift_warnings(point, tally))

@@ -66,16 +66,4 @@ def _entries_of(path: Path, roi: Roi) -> list[Entry]:
 
     point = read_point(path, roi)
     tally = tally_point(point)
-    return [
-        Entry(
-            point=point.index,
-            waveform=point.waveform,
-            baseline_lux=point.baseline_lux,
-            nd_od=point.nd_od,
-            bias=point.bias,
-            roi=point.roi,
-            active=tally.active,
-            tally=compact(group, square=False),
-        )
-        for group in tally.groups
-    ]
+    return [Entry.of(point, tally.active, compact(group, square=False)) for group in tally.groups]

@@ -102,16 +102,7 @@ def _response(point: PointData, tally: PointTally, group: GroupTally) -> Respons
     from bench.analysis.grouping import Entry, curve_keys
     from bench.analysis.responses import response_row
 
-    entry = Entry(
-        point=point.index,
-        waveform=point.waveform,
-        baseline_lux=point.baseline_lux,
-        nd_od=point.nd_od,
-        bias=point.bias,
-        roi=point.roi,
-        active=tally.active,
-        tally=group,
-    )
+    entry = Entry.of(point, tally.active, group)
     row = response_row(entry, curve_keys([entry], [""])[0])
     return Response(
         polarity=row.key.polarity,
