@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,9 +22,9 @@ from bench.diagnosis.slopes import sample_of, samples_around, slopes
 from bench.diagnosis.steps import longest_of
 from bench.diagnosis.summary import summarise
 from bench.diagnosis.views.registry import views
+from bench.models.planned import planned_point
 from bench.models.simulation import recording_seed, simulate_point
 from protocols.points import Roi
-from protocols.waveforms import stimulus_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,36 +76,10 @@ def planned_points(
 
 
 def _planned(point: Point, like: PointData, model: PixelModel) -> PointData:
-    point = replace(point, log_contrast=point.log_contrast * _of_threshold(point, model))
-    light = stimulus_of(point)
-    pulses = len(light.pulse_start_s)
     side = (min(like.roi.width, _SIDE), min(like.roi.height, _SIDE))
-    return replace(
-        like,
-        path=Path(f"{point.index:06d}.h5"),
-        index=point.index,
-        waveform=point.waveform,
-        polarity=point.polarity,
-        baseline_lux=point.baseline_lux,
-        log_contrast=point.log_contrast,
-        duration_s=light.duration_s,
-        nd_od=point.nd_od,
-        roi=Roi(like.roi.x, like.roi.y, *side),
-        n_events=0,
-        stimulus_t_s=light.t_s,
-        stimulus_lux=light.lux,
-        pulse_start_s=light.pulse_start_s,
-        pulse_stop_s=light.pulse_stop_s,
-        pulse_kind=light.pulse_kind,
-        pulse_valid=np.ones(pulses, np.bool_),
-        pulse_log_contrast=np.full(pulses, point.log_contrast),
-        triggers_t_us=np.zeros(0, np.int64),
-        triggers_p=np.zeros(0, np.uint8),
-        masked=np.zeros((0, 2), np.uint16),
-        gaps_s=np.zeros((0, 2)),
-        quality={},
-        attributes={"ambient": point.ambient},
-    )
+    window = Roi(like.roi.x, like.roi.y, *side)
+    seen = replace(point, log_contrast=point.log_contrast * _of_threshold(point, model))
+    return replace(planned_point(seen, window, like.refractory_s), temperature_c=like.temperature_c, bias=like.bias)
 
 
 def _of_threshold(point: Point, model: PixelModel) -> float:

@@ -87,8 +87,9 @@ def _power_of_rows(rows: Floats, bins: Bins, turn: Floats) -> Floats:
     within = np.exp(1j * turn * (bins.begin_s + (np.arange(bins.columns) + 0.5) * bins.width_s))
     period_s = bins.columns * bins.width_s
     between = bins.beyond_trend(np.exp(1j * turn * (np.arange(bins.rows) * period_s)))
-    along = sum(np.abs(np.einsum("fr,rc,fc->f", between, one, within, optimize=True)) ** 2 for one in rows)
-    crossed = sum(np.einsum("fr,rc,fc->f", between, one, within, optimize=True) ** 2 for one in rows)
+    products = [np.einsum("fr,rc,fc->f", between, one, within, optimize=True) for one in rows]
+    along = sum(np.abs(product) ** 2 for product in products)
+    crossed = sum(product**2 for product in products)
     # With a wave x + iy: sums of xx + yy, and of (x + iy)^2; of its product with counts alike.
     whole = np.sum(np.abs(between) ** 2, axis=1) * bins.columns
     twisted = np.sum(between**2, axis=1) * np.sum(within**2, axis=1)

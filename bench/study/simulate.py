@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
+from bench.models.planned import planned_point
+from bench.models.simulation import point_chain, recorded_light
 from bench.store.data import PointData, RunHeader, Sensor
-from protocols.waveforms import stimulus_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    import numpy as np
     import numpy.typing as npt
 
     from protocols.points import Point
@@ -25,7 +23,6 @@ __all__ = ["SimulatedRun"]
 
 _SENSOR_SEED: Final = 636
 _SENSOR_SIDE: Final = 65536
-_NOWHERE: Final = Path("simulated")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +35,6 @@ class _SimulatedPoint(PointData):
 
     def events(self, chunk: int = 1_000_000) -> Iterator[npt.NDArray[np.void]]:
         """Yield the events in order, at most `chunk` at a time."""
-        from bench.models.simulation import recorded_light
-
         for events in self.engine.events(self.chain, recorded_light(self), self.duration_s, self.seed):
             for start in range(0, len(events), chunk):
                 yield events[start : start + chunk]
@@ -79,38 +74,10 @@ class SimulatedRun:
             yield self._taken(point)
 
     def _taken(self, point: Point) -> PointData:
-        from sim_backend.pixel import build_chain
-
-        light = stimulus_of(point)
-        pulses = len(light.pulse_start_s)
+        planned = planned_point(point, point.roi, self.model.refractory_s)
         return _SimulatedPoint(
-            path=_NOWHERE,
-            index=point.index,
-            waveform=point.waveform,
-            polarity=point.polarity,
-            baseline_lux=point.baseline_lux,
-            log_contrast=point.log_contrast,
-            duration_s=light.duration_s,
-            nd_od=point.nd_od,
-            refractory_s=self.model.refractory_s,
-            temperature_c=math.nan,
-            roi=point.roi,
-            n_events=0,
-            stimulus_t_s=light.t_s,
-            stimulus_lux=light.lux,
-            pulse_start_s=light.pulse_start_s,
-            pulse_stop_s=light.pulse_stop_s,
-            pulse_kind=light.pulse_kind,
-            pulse_valid=np.ones(pulses, np.bool_),
-            pulse_log_contrast=np.full(pulses, point.log_contrast),
-            triggers_t_us=np.zeros(0, np.int64),
-            triggers_p=np.zeros(0, np.uint8),
-            masked=np.zeros((0, 2), np.uint16),
-            gaps_s=np.zeros((0, 2)),
-            bias={},
-            quality={},
-            attributes={},
-            chain=build_chain(self.model, point.roi, _SENSOR_SEED),
+            **{field.name: getattr(planned, field.name) for field in fields(planned)},
+            chain=point_chain(planned, self.model, _SENSOR_SEED),
             engine=self._engine,
             seed=point.seed,
         )
