@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 from bench.analysis.noisy_pixel import guess
 from bench.analysis.results import Estimate
-from bench.characterize.family_fit import NAMES, Known, fit_family
+from bench.characterize.family_fit import NAMES, fit_family
 from bench.characterize.family_model import Family
+from bench.characterize.family_problem import Known
 from bench.characterize.levels import levels_of
 from bench.characterize.readings import Reading, line_through
 

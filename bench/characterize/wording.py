@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from bench.characterize.normal import Z90
 from bench.report.wording import duration_label, lux_label
 
 if TYPE_CHECKING:
@@ -95,9 +94,9 @@ def _bandwidth(family: FamilyResult) -> Iterator[str]:
     fit = family.fit
     if fit is None:
         return
-    corner = 1.0 / (2.0 * math.pi * math.exp(fit.family.ln_tau))
-    factor = math.exp(Z90 * fit.sd("ln_tau"))
-    yield f"  bandwidth: low-pass {corner:.3g} [{corner / factor:.3g}, {corner * factor:.3g}] Hz at every light"
+    ln_tau = fit.estimate("ln_tau", "ln s")
+    corner, low, high = (math.exp(-value) / (2.0 * math.pi) for value in (ln_tau.value, ln_tau.high, ln_tau.low))
+    yield f"  bandwidth: low-pass {corner:.3g} [{low:.3g}, {high:.3g}] Hz at every light"
     if fit.sees_slow:
         per_lux = 1.0 / (2.0 * math.pi * fit.family.slow_s_lux)
         yield f"  photoreceptor: {per_lux:.3g} Hz per lux of light and dark light; it follows the light"

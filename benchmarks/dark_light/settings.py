@@ -23,7 +23,7 @@ _DARK_FA: Final = (1.0, 5.5, 15.0)
 #: so slow that a pixel memorises its reference on the way back from the reset pulse.
 _HZ_PER_FA: Final = {1.0: 4.0, 5.5: 2.0, 15.0: 1.0}
 _FA_PER_LUX: Final = 1.12e16 * 0.6 * 1.602176634e-4 * 4.86e-6**2
-_THETA_ON: Final = 0.30
+THETA_ON: Final = 0.30
 _THETA_OFF: Final = 0.25
 #: Light levels, lux, and the density of the filter in the path. One level is taken with and without.
 _LEVELS: Final = ((0.076, 3.0), (0.152, 3.0), (0.304, 3.0), (0.304, 0.0), (3.0, 0.0), (100.0, 0.0))
@@ -64,7 +64,7 @@ class Setting:
         if self.kind == "filter":
             effects["nd_error"] = {"delta_od": 0.1}
         model = PixelModel(
-            noise_rms=0.05 if self.kind == "noise" else 0.04, theta_on=_THETA_ON, theta_off=_THETA_OFF,
+            noise_rms=0.05 if self.kind == "noise" else 0.04, theta_on=THETA_ON, theta_off=_THETA_OFF,
             corner_hz=200.0, refractory_s=0.05 if self.kind == "bandwidth" else 0.01,
         )  # fmt: skip
         for name, values in effects.items():
@@ -96,7 +96,7 @@ def plan_of(setting: Setting) -> list[Plan]:
     shares = np.linspace(0.45, 2.4 if slow else 1.7, _CONTRASTS)
     found = []
     for lux, nd_od in _LEVELS:
-        needed = contrast_needed(_THETA_ON, lux, setting.dark_lux, "on")
+        needed = contrast_needed(THETA_ON, lux, setting.dark_lux, "on")
         reset = _RESET * contrast_needed(_THETA_OFF, lux, setting.dark_lux, "on")
         found += [Plan(lux, nd_od, float(s * needed), reset, gap_s, reset_s, test_s, pulses) for s in shares]
     if not all(math.isfinite(p.log_contrast) for p in found):

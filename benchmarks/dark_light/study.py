@@ -21,7 +21,7 @@ from bench.characterize.readings import Uncertainties
 from bench.compute import Workforce
 from benchmarks.dark_light.report import report_text
 from benchmarks.dark_light.runs import simulate
-from benchmarks.dark_light.settings import SETTINGS
+from benchmarks.dark_light.settings import SETTINGS, THETA_ON
 from benchmarks.planted.results import append, finished, read
 
 if TYPE_CHECKING:
@@ -64,7 +64,8 @@ def run_trial(trial: Trial) -> dict[str, Any]:
         "lux": found.dark_lux.value, "low": found.dark_lux.low, "high": found.dark_lux.high,
         "by_intercept": found.by_intercept.dark_lux.value if found.by_intercept else None,
         "by_half": found.by_half.dark_lux.value if found.by_half else None, "why_no_fit": found.why_no_fit,
-        "theta": found.theta.value, "simulation_s": simulated - begin, "seconds": time.perf_counter() - begin,
+        "theta": found.theta.value, "theta_low": found.theta.low, "theta_high": found.theta.high,
+        "true_theta": THETA_ON, "simulation_s": simulated - begin, "seconds": time.perf_counter() - begin,
     }  # fmt: skip
     if found.fit is not None:
         record |= {name: getattr(found.fit.family, name) for name in found.fit.free}
