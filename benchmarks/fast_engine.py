@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 ROI = Roi(0, 0, 32, 16)
 DURATION_S = 4.0
 WARM_UP_S = 0.2
-REPEATS = 3
+REPEATS = 5
 ENGINES: tuple[Engine, Engine] = (ReferenceEngine(threads=1), FastEngine(threads=1))
 WIDTH = max(len(s.name) for s in SETTINGS)
 
