@@ -13,12 +13,12 @@ from drivers.errors import DeviceError
 from drivers.light.scpi_talk import ScpiTalk
 from sim_backend.wire.faults import Fault, FaultPlan, Faults
 from tests.drivers.light.scpi_support import DIALECT_NAMES, ScpiBench, pulses, scpi_bench, square
+from tests.drivers.patience import PATIENT_S, impatient
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 FAULTS = (Fault.REPLY_LOST, Fault.REPLY_LATE, Fault.REPLY_CUT, Fault.GARBAGE, Fault.UNPLUGGED, Fault.REBOOT)
-LONG_S = 30.0
 
 
 def session(bench: ScpiBench) -> None:
@@ -44,8 +44,8 @@ def requests_of_a_session(dialect: str) -> int:
 
 def require_dark_after_safe_state(bench: ScpiBench) -> None:
     """Let the wire be whole, and require that the light goes out and can be used again."""
-    bench.light._talk._link.timeout_s = LONG_S
-    until_s = time.monotonic() + LONG_S
+    bench.light._talk._link.timeout_s = PATIENT_S
+    until_s = time.monotonic() + PATIENT_S
     bench.light.safe_state()
     while bench.light.unsafe is not None and time.monotonic() < until_s:  # the cable is not in yet
         time.sleep(0.02)
@@ -88,11 +88,12 @@ def test_any_fault_is_told_or_mended_and_safe_state_makes_dark(dialect: str) -> 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_in_safe_state_itself_is_overcome(fault: Fault) -> None:
     for at in range(3):
-        bench = scpi_bench(DIALECT_NAMES[at], timeout_s=0.2)
+        bench = scpi_bench(DIALECT_NAMES[at], timeout_s=PATIENT_S)
         bench.light.connect()
         bench.light.set_level(3.0)
         bench.wire.faults.plan(FaultPlan(fault, at, seconds=0.3 if fault is Fault.REPLY_LATE else 0.05))
-        bench.light.safe_state()
+        with impatient(bench.light._talk._link, 0.2):
+            bench.light.safe_state()
         require_dark_after_safe_state(bench)
         bench.light.set_level(2.0)
         assert bench.world.level == pytest.approx(2.0)
@@ -100,24 +101,24 @@ def test_a_fault_in_safe_state_itself_is_overcome(fault: Fault) -> None:
 
 
 def test_a_cable_that_stays_out_is_told_as_unsafe() -> None:
-    bench = scpi_bench("keysight", timeout_s=0.2)
+    bench = scpi_bench("keysight", timeout_s=PATIENT_S)
     bench.light.connect()
     bench.light.set_level(3.0)
     bench.wire.close()
-    bench.light.safe_state()
+    with impatient(bench.light._talk._link, 0.2):
+        bench.light.safe_state()
     assert "could not be made dark" in str(bench.light.unsafe)
     assert "switch it off by hand" in str(bench.light.unsafe)
     assert not bench.is_dark()
 
 
 def test_an_answer_that_comes_late_is_not_taken_for_the_next_one() -> None:
-    bench = scpi_bench("keysight", timeout_s=0.2)
+    bench = scpi_bench("keysight", timeout_s=PATIENT_S)
     bench.light.connect()
     bench.light.set_level(3.0)
     bench.wire.faults.plan(FaultPlan(Fault.REPLY_LATE, 0, seconds=0.6))
-    with pytest.raises(DeviceError, match="within"):
+    with pytest.raises(DeviceError, match="within"), impatient(bench.light._talk._link, 0.2):
         bench.light.level()
-    bench.light._talk._link.timeout_s = LONG_S
     assert bench.light.level() == pytest.approx(3.0)
     bench.light.close()
 
