@@ -54,7 +54,8 @@ class FamilyFit:
     dof: int
     level_theta: tuple[Estimate, ...]  #: threshold at each level by itself, dark light accounted for
     constant: tuple[float, int]  #: chi-square of these against one threshold, and its degrees of freedom
-    ends: tuple[Family, ...] = ()  #: the sensors with the lowest and the highest threshold of its 90 % interval
+    #: The sensors with the lowest and the highest threshold of its 90 % interval, or some between which it lies.
+    ends: tuple[Family, ...] = ()
 
     def sd(self, name: str) -> float:
         """Return the standard error of a number, widened where the fit is poor; 0 where it was not fitted."""
@@ -87,15 +88,19 @@ def fit_family(levels: Sequence[Level], known: Known, start: Family, free: Seque
     problem = Problem(levels, known, start, free)
     x = np.array([getattr(start, name) for name in free])
     scale = np.array([scale_of(name, start) for name in free])
+    places = []
     for _ in range(_RESTARTS):
         x = minimum(problem, x, scale)
+        places.append(x)
         slopes = slopes_of(problem, x, scale)
-        found = _result(problem, x, problem.jacobian(slopes), scale)
-        ends = ends_of(problem, x, *_reach(found, problem.jacobian(slopes), scale), slopes, scale)
+        jacobian = problem.jacobian(slopes)
+        found = _result(problem, x, jacobian, scale)
+        ends = ends_of(problem, x, *_reach(found, jacobian, scale), slopes, scale)
         if not isinstance(ends, Lower):
             return replace(found, ends=tuple(problem.family(end) for end in ends))
         x = ends.x
-    return found
+    # A valley so flat that it has no lowest place: where the fit has been is within what the data allow.
+    return replace(found, ends=tuple(problem.family(place) for place in (*places, x)))
 
 
 def _reach(found: FamilyFit, jacobian: Floats, scale: Floats) -> tuple[float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 
 from bench.analysis.results import Estimate
+from bench.characterize import family_fit
 from bench.characterize.family_fit import FamilyFit
 from bench.characterize.family_model import Family
+from bench.characterize.family_problem import Known
 from bench.characterize.family_valley import Lower, ends_of
 from bench.characterize.normal import Z90
 
@@ -26,6 +29,7 @@ THETA, LN_TAU = 0.3, -7.0
 SD, WIDE = 0.003, 0.02  # of the threshold near the lowest place; where chi-square rises ever more slowly above it
 SCALE = np.array([0.01, 0.1])
 RISE = Z90**2
+START = Family(THETA, 0.05, 0.0, LN_TAU, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0)
 
 
 class Bent:
@@ -74,7 +78,7 @@ def test_the_ends_are_where_chi_square_has_risen_by_what_is_wanted() -> None:
 
 
 def test_a_number_in_the_valley_reaches_to_its_ends() -> None:
-    at = Family(THETA, 0.05, 0.0, LN_TAU, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0)
+    at = START
     numbers: dict[str, Any] = {
         "family": at, "free": ("theta", "ln_tau", "dark_lux"), "covariance": np.diag([SD**2, 0.01, 1e-4]),
         "chi2": 5.0, "dof": 10, "level_theta": (), "constant": (0.0, 0),
@@ -90,3 +94,21 @@ def test_a_lower_place_on_the_way_is_told() -> None:
     found = ends(Bent(hollow=0.9))
     assert isinstance(found, Lower)
     assert found.x[0] > THETA
+
+
+def test_where_a_valley_has_no_end_all_places_that_were_taken_are_within_the_interval(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = FamilyFit(START, ("theta",), np.array([[1e-8]]), 1.0, 1, (), (0.0, 0))
+    lower = iter(np.array([[0.31], [0.32], [0.33]]))
+    monkeypatch.setattr(family_fit, "Problem", lambda *_: SimpleNamespace(jacobian=lambda s: s, family=sensor_with))
+    monkeypatch.setattr(family_fit, "minimum", lambda _, x, __: x)
+    monkeypatch.setattr(family_fit, "slopes_of", lambda *_: np.ones((1, 1)))
+    monkeypatch.setattr(family_fit, "_result", lambda _, x, *__: replace(found, family=sensor_with(x)))
+    monkeypatch.setattr(family_fit, "ends_of", lambda *_: Lower(next(lower)))
+    theta = family_fit.fit_family([], Known(1.0), START, ("theta",)).estimate("theta", "ln")
+    assert (theta.value, theta.low, theta.high) == (0.32, THETA, 0.33)
+
+
+def sensor_with(x: Floats) -> Family:
+    return replace(START, theta=float(x[0]))
