@@ -132,14 +132,15 @@ def test_a_sweep_is_seen_while_it_is_taken(browser: Any, tmp_path: Path) -> None
             assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
             asked = requests_of(browser)
             assert f"{address}state.json" in asked
-            own = ("chrome:", "about:", "data:")  # of the browser itself
+            own = ("chrome:", "chrome-untrusted:", "about:", "data:")  # of the browser itself
             assert [url for url in asked if not url.startswith((address, *own))] == []
             tell_of_a_point(browser)
 
 
 def tell_of_a_point(browser: Any) -> None:
     """A square that is pointed at says what was measured there."""
-    browser.execute_script("document.querySelector('#tiles [data-point=\"29\"]').focus()")
+    actions = pytest.importorskip("selenium.webdriver").ActionChains(browser)
+    actions.move_to_element(browser.find_element("css selector", '#tiles [data-point="29"]')).perform()
     tip = browser.execute_script("return [...document.querySelectorAll('#tip p')].map((line) => line.textContent)")
     assert tip[:2] == ["point 29, done", "on, 100 lux, log contrast 0.451"]
     assert tip[2].startswith("ON response ")
