@@ -34,7 +34,8 @@ __all__ = ["main", "run_study", "wanted"]
 
 _ROOT: Final = Path(__file__).resolve().parents[2]
 _DOCS: Final = _ROOT / "docs" / "reference"
-_RESULTS: Final = _ROOT / "build" / "planted" / "results.jsonl"
+#: Finished cases are kept beside the report, so that a study of many hours goes on in any checkout.
+_RESULTS: Final = _DOCS / "planted-study" / "cases.jsonl"
 
 
 def wanted(seed: int, only: Sequence[str] = (), limit: int | None = None) -> list[Case]:

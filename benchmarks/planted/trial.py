@@ -48,7 +48,7 @@ def run_trial(trial: Trial) -> dict[str, Any]:
         "truth": case.to_dict(),
         "sizes": asdict(sizes),
         "seconds": round(seconds, 2),
-        "diagnosis": found,
+        "diagnosis": _kept(found),
     }
     plain: dict[str, Any] = json.loads(json.dumps(_finite(record)))
     return plain
@@ -70,6 +70,12 @@ def diagnose_run(run: Path, left_out: tuple[str, ...] = ()) -> dict[str, Any]:
     with Diagnosis(run, seed=1, workers=1, without=left_out) as diagnosis:
         found: dict[str, Any] = diagnosis.run(most=MOST).to_dict()
     return found
+
+
+def _kept(found: dict[str, Any]) -> dict[str, Any]:
+    """Return a diagnosis without what no score needs: a file of hundreds is to be kept beside its report."""
+    steps = [{k: v for k, v in step.items() if k not in ("candidates", "worst")} for step in found["steps"]]
+    return {**found, "steps": steps}
 
 
 def _finite(value: Any) -> Any:
