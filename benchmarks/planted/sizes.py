@@ -4,7 +4,8 @@ The expectation of the truth with the effect stands for the measurement, and tha
 model; the base pixel's numbers take up what they can, along the changes that they make. Simulated expectations are
 uncertain, and the square of a difference would count that as size: the product of two differences from sensors that
 have nothing in common does not. What is still uncertain is told by how the two differ; an effect that does not stand
-out of it is made larger until it does, and the size found goes down by as much: small effects are straight lines.
+out of it is made larger until it does, and the size found goes down by as much: small effects are straight lines, as
+far as what was seen of them lets them be.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ _TIMING_US: Final = 10
 #: An effect whose fall stands out by fewer standard errors is made larger, by this factor, so many times in all.
 _CLEARLY: Final = 6.0
 _LARGER, _LARGEST = 4.0, 256.0
+_BELIEVED: Final = 3.0  # standard errors that may be missing of a fall
 _SLOW: Final = frozenset({"high_pass"})
 _QUARTER: Final = Roi(ROI.x, ROI.y, ROI.width // 2, ROI.height // 2)
 
@@ -172,16 +174,22 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
 def _size(
     truth: _Truth, rest: PixelModel, effect: Effect | None, apart: tuple[Floats, Floats], base: Floats, prior: Floats
 ) -> float:  # fmt: skip
-    """Return the root of the fall, of an effect that is large enough to tell, by how much larger that is."""
-    factor, found = 1.0, fall(*apart, base, prior)
-    while found < _CLEARLY * uncertainty(*apart) and effect is not None and factor < _LARGEST:
+    """Return the root of the fall, of an effect that is large enough to tell, by how much larger that is.
+
+    Some effects set in beyond a size, and are nothing below: none is larger than what was seen of it lets be.
+    """
+    factor, most = 1.0, math.inf
+    while True:
+        found, doubt = fall(*apart, base, prior), uncertainty(*apart)
+        if found >= _CLEARLY * doubt or effect is None or factor >= _LARGEST:
+            break
+        most = min(most, _root(found + _BELIEVED * doubt) / factor)
         larger = _larger(effect, factor * _LARGER)
         if larger is None:
             break
         factor *= _LARGER
         apart = truth.apart(rest, rest + larger)
-        found = fall(*apart, base, prior)
-    return _root(found) / factor
+    return min(_root(found) / factor, most)
 
 
 def _larger(effect: Effect, factor: float) -> Effect | None:
