@@ -15,7 +15,7 @@ import numpy as np
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import RARE, TWINS, are_the_same, candidates
-from bench.diagnosis.fit import finish
+from bench.diagnosis.fit import finish, second
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import deviance, excess, freedom, step_of
 from bench.diagnosis.likeness import closest, nearer, separation
@@ -63,6 +63,10 @@ _SURE: Final = 0.75
 _NEARLY: Final = 1.5
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
 _EXPLAINED: Final = 5.0
+#: One that is so many of them larger, and not as large as that beside the number of statistics, may be that of a fit
+#: which has not come to its minimum: it is done twice.
+_MORE_THAN_CHANCE: Final = 1.0
+_MAY_BE_A_VALLEY: Final = 2.0
 #: Where something is left that nothing explains, other ways are tried, at the most so many: with an effect that took
 #: away more than this share of what the one that was added did.
 _DETOURS: Final = 2
@@ -317,12 +321,24 @@ class Diagnosis:
 
     def _look(self, fitted: Fit, added: str | None, fall: float) -> _State:
         number = len(self._states)
+        fitted = self._settled(fitted, self._seed + 100 * number + 71)
         self._say(f"step {number}: looking for what is missing")
         possible = candidates(fitted.model, self.problem.points, without=self._without)
         seed = self._seed + 100 * number + 11
         gross = deviance(self.problem, fitted) / freedom(fitted) > _GROSS
         probes = probe(self.problem, fitted, possible, seed, gross, self._seen)
         return _State(fitted, self._scores(fitted, probes), added, fall)
+
+    def _settled(self, fitted: Fit, seed: int) -> Fit:
+        """Return a fit, or a better one where more is left than chance leaves, and not so much that it cannot be.
+
+        A fit stops in a side valley now and then, and what is left then looks as if something were missing.
+        """
+        left = deviance(self.problem, fitted) / freedom(fitted)
+        if left > _MAY_BE_A_VALLEY or excess(self.problem, fitted) < _MORE_THAN_CHANCE:
+            return fitted
+        again = second(self.problem, fitted, seed)
+        return min(fitted, again, key=lambda one: deviance(self.problem, one) / freedom(one))
 
     def _scores(self, fitted: Fit, probes: Sequence[Probe]) -> Scores:
         """Return what probes say; near the minimum what may be how time is cut is no sign of anything else."""
