@@ -15,9 +15,9 @@ import numpy as np
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import RARE, TWINS, are_the_same, candidates
-from bench.diagnosis.fit import finish, second
+from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import deviance, excess, freedom, step_of
+from bench.diagnosis.judging import deviance, deviance_beside, excess, freedom, step_of
 from bench.diagnosis.likeness import closest, nearer, separation
 from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import Found, needless, refitted
@@ -25,6 +25,7 @@ from bench.diagnosis.remainder import remainder_of
 from bench.diagnosis.result import Candidate, Outcome
 from bench.diagnosis.screen import score
 from bench.diagnosis.session import open_session
+from bench.diagnosis.settling import settled
 from bench.diagnosis.sizing import probe
 from bench.store import Run
 from protocols.errors import InputError
@@ -63,10 +64,6 @@ _SURE: Final = 0.75
 _NEARLY: Final = 1.5
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
 _EXPLAINED: Final = 5.0
-#: One that is so many of them larger, and not as large as that beside the number of statistics, may be that of a fit
-#: which has not come to its minimum: it is done twice.
-_MORE_THAN_CHANCE: Final = 1.0
-_MAY_BE_A_VALLEY: Final = 2.0
 #: Where something is left that nothing explains, other ways are tried, at the most so many: with an effect that took
 #: away more than this share of what the one that was added did.
 _DETOURS: Final = 2
@@ -156,6 +153,7 @@ class Diagnosis:
         )
         self._states: list[_State] = []
         self._next: tuple[Fit, dict[str, Any] | None] | None = None
+        self._asked_all = False  # whether all effects were refitted, because nothing promised anything
         self._seen: Probed = {}  # how well each effect is seen hardly depends on the step
         self.findings: tuple[str, ...] = findings_of(self._session.problem)
 
@@ -321,24 +319,13 @@ class Diagnosis:
 
     def _look(self, fitted: Fit, added: str | None, fall: float) -> _State:
         number = len(self._states)
-        fitted = self._settled(fitted, self._seed + 100 * number + 71)
+        fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
         self._say(f"step {number}: looking for what is missing")
         possible = candidates(fitted.model, self.problem.points, without=self._without)
         seed = self._seed + 100 * number + 11
         gross = deviance(self.problem, fitted) / freedom(fitted) > _GROSS
         probes = probe(self.problem, fitted, possible, seed, gross, self._seen)
         return _State(fitted, self._scores(fitted, probes), added, fall)
-
-    def _settled(self, fitted: Fit, seed: int) -> Fit:
-        """Return a fit, or a better one where more is left than chance leaves, and not so much that it cannot be.
-
-        A fit stops in a side valley now and then, and what is left then looks as if something were missing.
-        """
-        left = deviance(self.problem, fitted) / freedom(fitted)
-        if left > _MAY_BE_A_VALLEY or excess(self.problem, fitted) < _MORE_THAN_CHANCE:
-            return fitted
-        again = second(self.problem, fitted, seed)
-        return min(fitted, again, key=lambda one: deviance(self.problem, one) / freedom(one))
 
     def _scores(self, fitted: Fit, probes: Sequence[Probe]) -> Scores:
         """Return what probes say; near the minimum what may be how time is cut is no sign of anything else."""
@@ -360,6 +347,9 @@ class Diagnosis:
         for first in range(0, len(names), _SHORTLIST):
             if first < _SHORTLISTS * _SHORTLIST and state.proposal is None:
                 self._propose(state, self._with_twins(state, names[first : first + _SHORTLIST]))
+        if state.proposal is None and not self._asked_all:
+            self._asked_all = True
+            self._propose(state, self._all_others(state), _SURE)
 
     def _promising(self, state: _State) -> list[str]:
         """Return the effects that are significant, the most promising first."""
@@ -375,17 +365,34 @@ class Diagnosis:
         enough = _PROMISING * scores.drop[significant[0]] if far_off else -math.inf
         return [scores.probes[i].effect.id for i in significant if scores.drop[i] >= enough]
 
+    def _all_others(self, state: _State) -> list[str]:
+        """Return the effects that were not refitted yet.
+
+        In a bent valley straight lines promise nothing: where noise of the floor has taken the place of that of the
+        resets, nothing but both numbers together makes it better.
+        """
+        scores = state.scores
+        order = [int(i) for i in np.argsort(-scores.drop, kind="stable") if self._can_judge(scores, int(i))]
+        names = [scores.probes[i].effect.id for i in order]
+        return [name for name in names if name not in state.refitted]
+
     def _with_twins(self, state: _State, names: Sequence[str]) -> list[str]:
         known = {one.effect.id for one in state.scores.probes} - state.refitted.keys()
         twins = [TWINS[name] for name in names if name in TWINS]
         return [*names, *(name for name in dict.fromkeys(twins) if name in known and name not in names)]
 
-    def _propose(self, state: _State, shortlist: Sequence[str]) -> None:
-        """Propose the best of some effects once they are refitted, if it is worth adding."""
+    def _propose(self, state: _State, shortlist: Sequence[str], worth: float = _WORTH) -> None:
+        """Propose the best of some effects once they are refitted, if it is worth adding.
+
+        Parameters
+        ----------
+        worth
+            Share that it must take away of what is too much in the deviance, where that is far off.
+        """
         far_off = self._far_off(state.fit)
         refitted = self._refitted(state, shortlist)
         found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
-        if not found or (far_off and self._share(state, found[0]) < _WORTH):
+        if not found or (far_off and self._share(state, found[0]) < worth):
             return
         found = self._with_the_nearest_first(found)
         best = found[0]
@@ -505,7 +512,9 @@ class Diagnosis:
                 ),
             )  # fmt: skip
             self._states = kept[:-1]
-            share = self._share(self._states[-1], Found(last.added or "", again, deviance(self.problem, again)))
+            before = self._states[-1]
+            left = deviance_beside(self.problem, again, before.fit)
+            share = self._share(before, Found(last.added or "", again, left))
             self._states.append(self._look(again, last.added, share))
 
     def _verdict(self, states: Sequence[_State]) -> tuple[Verdict, tuple[str, ...]]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.approach import approach, known_beforehand
+from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import cost_of
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitted import Fit, prior_precision
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["finish", "fit", "second"]
+__all__ = ["finish", "fit"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -46,8 +46,6 @@ _ANYWHERE: Final = 0.3
 #: base pixel gets more effort, by the root of its cost, unless it is far off: what few pixels let expect tells little
 #: apart.
 _FINE: Final = 3.0
-#: Steps of the way of a fit that is done twice.
-_AGAIN: Final = 3
 _POLISHINGS: Final = 6
 #: A fit ends when a step would lower the loss by less than this.
 _SMALL: Final = 1.0
@@ -130,15 +128,6 @@ def finish(problem: Problem, near: Approach) -> Fit:
         common=(1.0 + problem.alike(models) / here.recordings) / here.more,
     )
     return replace(found, frozen=frozen_of(problem, found, models, seen))
-
-
-def second(problem: Problem, found: Fit, seed: int) -> Fit:
-    """Return the same model fitted again, by other simulations, from where what is known beforehand is as known."""
-    place = np.where(known_beforehand(found.slots), found.start, found.x)
-    near = approach(
-        problem, found.model, found.slots, list(place), seed=seed, iterations=_AGAIN, prior=found.start
-    )  # fmt: skip
-    return finish(problem, near)
 
 
 def _last_step(

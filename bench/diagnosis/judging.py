@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "deviance",
+    "deviance_beside",
     "error_of",
     "excess",
     "freedom",
@@ -44,6 +45,14 @@ def deviance(problem: Problem, one: Fit, scale: float | None = None) -> float:
     """
     r = one.whiten(one.residual, problem.measured.points)
     return float(r @ r) * one.caution / (one.scale if scale is None else scale)
+
+
+def deviance_beside(problem: Problem, one: Fit, other: Fit) -> float:
+    """Return the deviance that a fit would have with as many independent residuals as another one.
+
+    Of rare events a model that is simulated with few pixels expects nothing that could be judged.
+    """
+    return deviance(problem, one) * freedom(other) / freedom(one)
 
 
 def freedom(one: Fit) -> int:

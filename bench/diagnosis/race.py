@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -16,14 +17,19 @@ from bench.diagnosis.approach import Approach, approach, further, known_beforeha
 from bench.diagnosis.catalogue import free_of, probe_of, switches
 from bench.diagnosis.cloud import Cloud
 from bench.diagnosis.problem import Slot
+from bench.diagnosis.settling import unknown_shapes
 from bench.diagnosis.steps import inside
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+
+    import numpy.typing as npt
 
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.screen import Scores
+
+    Floats = npt.NDArray[np.float64]
 
 __all__ = ["entrant", "near_by", "race"]
 
@@ -37,6 +43,11 @@ _FURTHER: Final = 4
 #: best so far; and up to which loss, beside that of the best effect, what was found is gone on with.
 _SCANS: Final = ((0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0), (0.6, 0.8, 1.25, 1.6), (0.9, 1.1))
 _WORTH_STEPS: Final = 10.0
+#: Shapes of an effect that are tried beside the one that was found, each with sizes that go with a power of it.
+_SHAPES: Final = (0.25, 0.5, 2.0, 4.0)
+_POWERS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)
+#: Valleys are looked for so often at the most.
+_VALLEYS: Final = 3
 #: Relative error that what is expected may have there, and how far the first step goes.
 _LESS_WRONG: Final = 0.03
 _SHORT_OF: Final = 0.2
@@ -138,23 +149,44 @@ def _along(
 
 
 def _resized(problem: Problem, way: Approach) -> Approach:
-    """Return a way, or one that goes on from another size of its effect where that is clearly better.
+    """Return a way, or one that goes on from another size or shape of its effect where that is clearly better.
 
-    What few statistics tell, a leak in the background, may be wrong by a factor where all others agree: a valley.
+    What few statistics tell, a leak in the background, may be wrong by a factor where all others agree: a valley. So
+    may a size beside a shape: slow noise of twice the rms and four times the time wanders as far in a pulse.
     """
+    for _ in range(_VALLEYS):
+        seen = scanned(problem, way, [*_other_sizes(way), *_other_shapes(problem, way)])
+        if seen.loss > way.loss - _CLEARLY:
+            return replace(way, cloud=seen.cloud)
+        again = _along(problem, seen, _FAR, _LESS_WRONG, _SHORT_OF)
+        way = min(way, again, key=lambda one: one.loss)
+    return way
+
+
+def _other_sizes(way: Approach) -> Iterator[Floats]:
+    """Yield places where the effect has another size, beside that of the catalogue."""
     mine = _switches(way)
-    tries = []
     for factor in _SCANS[0]:
         to = way.at.copy()
         for i in mine:
             free = way.slots[i].free
             to[i] = math.copysign(factor * free.coordinate(free.probe), way.at[i])
-        tries.append(inside(way.slots, to))
-    seen = scanned(problem, way, tries)
-    if seen.loss > way.loss - _CLEARLY:
-        return replace(way, cloud=seen.cloud)
-    again = _along(problem, seen, _FAR, _LESS_WRONG, _SHORT_OF)
-    return min(way, again, key=lambda one: one.loss)
+        yield inside(way.slots, to)
+
+
+def _other_shapes(problem: Problem, way: Approach) -> Iterator[Floats]:
+    """Yield places where the effect has another shape, each with sizes that go with a power of it."""
+    mine = _switches(way)
+    owner = way.slots[-1].free.owner
+    for i in unknown_shapes(problem, way.model, way.slots):
+        free = way.slots[i].free
+        if free.owner != owner:
+            continue
+        for shape, power in product(_SHAPES, _POWERS):
+            to = way.at.copy()
+            to[i] = free.coordinate(shape * free.value(float(way.at[i])))
+            to[mine] *= shape**power
+            yield inside(way.slots, to)
 
 
 def _switches(one: Approach) -> list[int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.diagnosis.catalogue import switches
 from bench.diagnosis.fit import finish
-from bench.diagnosis.judging import deviance
+from bench.diagnosis.judging import deviance_beside
 from bench.diagnosis.race import entrant, near_by, race
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class Found:
 
     effect: str
     fit: Fit
-    deviance: float
+    deviance: float  #: with as many residuals as the fit before
 
 
 def refitted(
@@ -44,7 +44,7 @@ def refitted(
     for i, way in zip(candidates, ways, strict=True):
         if way is not None:
             fitted = finish(problem, way)
-            found.append(Found(scores.probes[i].effect.id, fitted, deviance(problem, fitted)))
+            found.append(Found(scores.probes[i].effect.id, fitted, deviance_beside(problem, fitted, here)))
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from bench.diagnosis.diagnosis import Diagnosis
@@ -115,3 +116,51 @@ def test_what_was_proposed_or_tied_is_no_other_way() -> None:
     made._states[0].tied = ("leak",)
     way: Any = made.run()
     assert way == ("light_drift",)
+
+
+class Promising(Diagnosis):
+    """A model far off; each effect takes away the share that the table says, the screen promises what it says."""
+
+    def __init__(self, promised: Sequence[str], shares: dict[str, float]) -> None:
+        self.promised, self.shares = promised, shares
+        self.asked: list[tuple[list[str], float]] = []
+        self._asked_all = False
+
+    def state(self) -> Any:
+        probes = [SimpleNamespace(effect=SimpleNamespace(id=name)) for name in self.shares]
+        scores = SimpleNamespace(probes=probes, drop=np.arange(len(probes), dtype=float))
+        return SimpleNamespace(fit=None, scores=scores, refitted={}, proposal=None)
+
+    def _promising(self, _: Any) -> list[str]:
+        return list(self.promised)
+
+    def _far_off(self, _: Any) -> bool:
+        return True
+
+    def _can_judge(self, _: Any, __: int) -> bool:
+        return True
+
+    def _propose(self, state: Any, shortlist: Sequence[str], worth: float = 0.15) -> None:
+        self.asked.append((list(shortlist), worth))
+        state.refitted |= dict.fromkeys(shortlist)
+        good = [name for name in shortlist if self.shares[name] >= worth]
+        state.proposal = max(good, key=lambda name: self.shares[name], default=None)
+
+
+def test_where_nothing_promises_anything_all_are_asked_and_have_to_explain_most() -> None:
+    made = Promising(["high_pass"], {"crosstalk": 0.4, "high_pass": 0.1, "reset_noise": 0.9, "hot_pixels": 0.3})
+    state = made.state()
+    made._choose(state)
+    assert state.proposal == "reset_noise"
+    assert [names for names, _ in made.asked] == [["high_pass"], ["hot_pixels", "reset_noise", "crosstalk"]]
+    again = made.state()  # once is enough
+    made._choose(again)
+    assert again.proposal is None
+    assert len(made.asked) == 3
+
+
+def test_what_explains_some_of_it_alone_is_not_taken_for_what_is_missing() -> None:
+    made = Promising([], {"crosstalk": 0.4, "hot_pixels": 0.7})
+    state = made.state()
+    made._choose(state)
+    assert state.proposal is None

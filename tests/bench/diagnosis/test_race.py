@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,7 +19,7 @@ from bench.diagnosis.probing import Probe
 from bench.diagnosis.problem import Slot
 from bench.diagnosis.race import race
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import DarkCurrent, Leak, StrayLight
+from sim_backend.pixel.effects import DarkCurrent, Leak, LowFrequencyNoise, StrayLight
 
 STATISTICS = 100
 
@@ -31,6 +32,7 @@ class Measured:
 @dataclass(frozen=True)
 class FakeProblem:
     measured: Measured = Measured(np.zeros(STATISTICS))
+    given: Any = field(default_factory=dict)
 
 
 def entrant(effect: Any, number: str, size: float) -> Approach:
@@ -109,6 +111,35 @@ def test_a_way_that_ended_at_another_size_goes_on_from_where_it_is_better(
     found = race(FakeProblem(), [DARK])  # type: ignore[arg-type]
     assert [way and way.loss for way in found] == [90.0]
     assert walks["along"] == ["dark_current", "dark_current"]
+
+
+def test_a_shape_that_trades_places_with_its_size_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A way ends anywhere along a valley of equal diffusion, rms^2 / tau, that falls towards a tau of 0.6 s."""
+    diffusion, tau_s = 0.01, 0.6
+
+    def loss(at: Any) -> float:
+        tau = math.exp(at[1])
+        return float(100.0 + 50.0 * math.log2(tau / tau_s) ** 2 + 1e6 * (at[0] / tau / diffusion - 1.0) ** 2)
+
+    def scanned(_: Any, way: Approach, places: Any) -> Approach:
+        at = min(places, key=loss)
+        return replace(way, at=at, loss=loss(at))
+
+    monkeypatch.setattr(module, "scanned", scanned)
+    monkeypatch.setattr(module, "_along", lambda _, way, *__, **___: way)
+    slots = (
+        Slot(Free("low_frequency_noise", "rms", "rms", "ln", "square", 0.0, 1.0, 0.05)),
+        Slot(Free("low_frequency_noise", "tau_s", "tau_s", "s", "log", 1e-3, 1e3, 1.0)),
+    )
+    at = np.array([diffusion * 8.0 * tau_s, math.log(8.0 * tau_s)])
+    model = PixelModel() + LowFrequencyNoise(0.05, 1.0)
+    way = Approach(model, slots, at, at, loss(at), 1, np.zeros((2, 2)), 0.2, Cloud())
+    found = module._resized(FakeProblem(), way)  # type: ignore[arg-type]
+    assert math.exp(found.at[1]) == pytest.approx(tau_s)
+    assert found.at[0] == pytest.approx(diffusion * tau_s)
+    # A shape that is known is left alone: this one is far too small for its size to be right elsewhere.
+    known = FakeProblem(given={"low_frequency_noise": {"tau_s": 8.0 * tau_s}})
+    assert math.exp(module._resized(known, way).at[1]) == pytest.approx(8.0 * tau_s)  # type: ignore[arg-type]
 
 
 def test_what_is_known_beforehand_starts_where_it_is_known_to_be() -> None:

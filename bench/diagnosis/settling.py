@@ -1,0 +1,104 @@
+"""A fit that may have stopped in a valley is done again, from other places.
+
+Two kinds of valleys are known. What is known beforehand, a dead time, was let go and stands in for something else.
+And a shape trades places with a size along a bent line: slow noise of twice the rms and four times the time wanders
+as far in a pulse. What is left in a valley looks as if an effect were missing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.approach import approach, known_beforehand
+from bench.diagnosis.catalogue import switches
+from bench.diagnosis.fit import finish
+from bench.diagnosis.fitted import prior_precision, solve
+from bench.diagnosis.judging import deviance, excess, freedom
+from bench.diagnosis.steps import inside
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.problem import Problem, Slot
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["settled", "unknown_shapes"]
+
+#: A deviance that is larger by so many standard deviations than that of a true model, and not by such a factor, may
+#: be that of a fit in a valley; with a shape that is not known, valleys are deeper.
+_MORE_THAN_CHANCE: Final = 1.0
+_VALLEY: Final = 2.0
+_DEEP_VALLEY: Final = 5.0
+#: Another place is better when the deviance falls by this share.
+_BETTER: Final = 0.03
+#: Steps from another place on; shapes that are tried, beside the one found; how often one goes on from there.
+_STEPS: Final = 3
+_SHAPES: Final = (0.5, 2.0)
+_ROUNDS: Final = 3
+
+
+def settled(problem: Problem, found: Fit, seed: int) -> Fit:
+    """Return a fit, or a better one of the same model where more is left than chance leaves.
+
+    Parameters
+    ----------
+    seed
+        Of other simulations than those of the fit.
+    """
+    shapes = unknown_shapes(problem, found.model, found.slots)
+    most = _DEEP_VALLEY if shapes else _VALLEY
+    places = [np.where(known_beforehand(found.slots), found.start, found.x)]
+    for number in range(_ROUNDS):
+        if _left(problem, found) > most or excess(problem, found) < _MORE_THAN_CHANCE:
+            return found
+        places += _other_shapes(problem, found, shapes)
+        tried = [_from(problem, found, to, seed + 10 * number + i) for i, to in enumerate(places)]
+        best = min([found, *tried], key=lambda one: _left(problem, one))
+        if not shapes or _left(problem, best) > (1.0 - _BETTER) * _left(problem, found):
+            return best
+        found, places = best, []
+    return found
+
+
+def unknown_shapes(problem: Problem, model: PixelModel, slots: Sequence[Slot]) -> list[int]:
+    """Return the places of the numbers that shape an effect and do not switch it on, of which nothing is known."""
+    found = []
+    for i, slot in enumerate(slots):
+        effect = model.effect(slot.free.owner)
+        if effect is None:
+            continue
+        known = {*problem.given.get(effect.id, {}), *(f.name for f in switches(type(effect)))}
+        found += [i] * (slot.free.name not in known)
+    return found
+
+
+def _left(problem: Problem, one: Fit) -> float:
+    return deviance(problem, one) / freedom(one)
+
+
+def _from(problem: Problem, found: Fit, place: Floats, seed: int) -> Fit:
+    """Return the same model fitted from another place on."""
+    near = approach(problem, found.model, found.slots, list(place), seed=seed, iterations=_STEPS, prior=found.start)
+    return finish(problem, near)
+
+
+def _other_shapes(problem: Problem, found: Fit, shapes: Sequence[int]) -> Iterator[Floats]:
+    """Yield places with another shape, to which the other numbers follow along straight lines."""
+    columns = found.whiten(found.jacobian.mean(axis=0), problem.measured.points)
+    precision = prior_precision(found.slots)
+    for i in shapes:
+        free = found.slots[i].free
+        others = np.arange(len(found.x)) != i
+        for factor in _SHAPES:
+            moved = free.coordinate(factor * free.value(float(found.x[i]))) - found.x[i]
+            to = found.x.copy()
+            to[i] += moved
+            to[others] -= solve(columns[:, others], columns[:, i] * moved, precision[others])
+            yield inside(found.slots, to)
