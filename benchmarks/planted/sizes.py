@@ -3,9 +3,10 @@
 The expectation of the truth with the effect stands for the measurement, and that of the truth without it for the
 model; the base pixel's numbers take up what they can, along the changes that they make. Simulated expectations are
 uncertain, and the square of a difference would count that as size: the product of two differences from sensors that
-have nothing in common does not. What is still uncertain is told by how the two differ; an effect that does not stand
-out of it is made larger until it does, and the size found goes down by as much: small effects are straight lines, as
-far as what was seen of them lets them be.
+have nothing in common does not. So it is with the changes: with chance in them they would take up less than they do,
+and what is but a later clock would count as size. What is still uncertain is told by how the two differences differ;
+an effect that does not stand out of it is made larger until it does, and the size found goes down by as much: small
+effects are straight lines, as far as what was seen of them lets them be.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from sim_backend.pixel.effects.base import Effect
 
     Floats = npt.NDArray[np.float64]
+    Pair = tuple[Floats, Floats]  #: of sets of sensors that have no random numbers in common
 
 __all__ = ["Sizes", "fall", "sizes_of", "uncertainty"]
 
@@ -47,14 +49,20 @@ _STEP_S: Final = 2e-5
 #: Two sets of so many sensors; sets share no random numbers, models within a set share all of them.
 _SENSORS: Final = 3
 _SETS: Final = 2
-#: Sensors of the set from which the changes by the base numbers are known, and those by what mimics an effect.
+#: Sets of so many sensors from which the changes by the base numbers are known, and those by what mimics an effect.
+_OTHER_SETS: Final = (2, 3)
 _OTHERS: Final = 2
+#: Straight lines lead no farther than this, in ln units, or in what is known of the clock.
+_FARTHEST: Final = 4.0
+#: Of a direction with a smaller share of what they do, changes are not known well enough to take up anything.
+_NO_DIRECTION: Final = 3e-3
 #: Events and stimulus are known to be no further apart than this.
 _TIMING_US: Final = 10
 #: An effect whose fall stands out by fewer standard errors is made larger, by this factor, so many times in all.
 _CLEARLY: Final = 6.0
 _LARGER, _LARGEST = 4.0, 256.0
-_BELIEVED: Final = 3.0  # standard errors that may be missing of a fall
+#: Of two sizes the one of the smaller effect holds where they are more standard errors apart.
+_BELIEVED: Final = 3.0
 _SLOW: Final = frozenset({"high_pass"})
 _QUARTER: Final = Roi(ROI.x, ROI.y, ROI.width // 2, ROI.height // 2)
 
@@ -112,6 +120,7 @@ class _Truth:
         more = math.sqrt(1.0 + 1.0 / every.recordings)
         self._roots = [root * more for root in every.roots]
         self._values = [self.value(one) for one in seen]
+        self._known: dict[tuple[PixelModel, int], Floats] = {}
 
     def value(self, sensors: Sequence[Sequence[Summary]]) -> Floats:
         """Return the expected statistics."""
@@ -122,30 +131,46 @@ class _Truth:
         parts = [root @ values[where] for root, where in zip(self._roots, self.of.points, strict=True)]
         return np.concatenate(parts)
 
-    def apart(self, model: PixelModel, truth: PixelModel | None = None) -> tuple[Floats, Floats]:
-        """Return the truth, or another one in its place, less a model, from each set."""
+    def apart(self, model: PixelModel, truth: PixelModel | None = None, late_us: int = 0) -> Pair:
+        """Return the truth, or another one in its place, less a model whose events come somewhat late."""
         first, second = (
-            self.whiten((mine if truth is None else self._seen(truth, s)) - self._seen(model, s))
+            self.whiten((mine if truth is None else self._seen(truth, s)) - self._seen(model, s, late_us))
             for s, mine in enumerate(self._values)
         )
         return first, second
 
-    def _seen(self, model: PixelModel, of_set: int) -> Floats:
-        return self.value(self.bench.see(model, of_set, _SENSORS))
+    def _seen(self, model: PixelModel, of_set: int, late_us: int = 0) -> Floats:
+        return self.value(self.bench.see(model, of_set, _SENSORS, late_us))
 
-    def changes(self, model: PixelModel, others: Sequence[PixelModel], steps: Sequence[float]) -> Floats:
-        """(n, k) change from a model to each of the others, by unit of its step."""
-        here = self.value(self.bench.see(model, _SETS, _OTHERS))
+    def changes(self, model: PixelModel, others: Sequence[PixelModel], steps: Sequence[float]) -> Pair:
+        """(n, k) change from a model to each of the others, by unit of its step, from each of two sets."""
+        first, second = (self._changes(model, others, steps, s) for s in _OTHER_SETS)
+        return first, second
+
+    def _changes(
+        self, model: PixelModel, others: Sequence[PixelModel], steps: Sequence[float], of_set: int
+    ) -> Floats:  # fmt: skip
+        here = self._here(model, of_set)
         columns = [
-            self.whiten(self.value(self.bench.see(one, _SETS, _OTHERS)) - here) / step
+            self.whiten(self.value(self.bench.see(one, of_set, _OTHERS)) - here) / step
             for one, step in zip(others, steps, strict=True)
         ]
         return np.stack(columns, axis=1)
 
-    def delayed(self, model: PixelModel) -> Floats:
-        """(n, 1) change when all events come as late as the clocks may be apart."""
-        here = self.value(self.bench.see(model, _SETS, _OTHERS))
-        return self.whiten(self.value(self.bench.see(model, _SETS, _OTHERS, _TIMING_US)) - here)[:, None]
+    def delayed(self, model: PixelModel) -> Pair:
+        """(n, 1) change when all events come as late as the clocks may be apart, from each of two sets."""
+        first, second = (self._delayed(model, s)[:, None] for s in _OTHER_SETS)
+        return first, second
+
+    def _delayed(self, model: PixelModel, of_set: int) -> Floats:
+        late = self.value(self.bench.see(model, of_set, _OTHERS, _TIMING_US))
+        return self.whiten(late - self._here(model, of_set))
+
+    def _here(self, model: PixelModel, of_set: int) -> Floats:
+        """Return what is expected of a model; many are laid beside the same one."""
+        if (model, of_set) not in self._known:
+            self._known[model, of_set] = self.value(self.bench.see(model, of_set, _OTHERS))
+        return self._known[model, of_set]
 
 
 def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
@@ -172,24 +197,52 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
 
 
 def _size(
-    truth: _Truth, rest: PixelModel, effect: Effect | None, apart: tuple[Floats, Floats], base: Floats, prior: Floats
+    truth: _Truth, rest: PixelModel, effect: Effect | None, apart: Pair, base: Pair, prior: Floats
 ) -> float:  # fmt: skip
     """Return the root of the fall, of an effect that is large enough to tell, by how much larger that is.
 
-    Some effects set in beyond a size, and are nothing below: none is larger than what was seen of it lets be.
+    Some effects set in beyond a size, and some are taken up by base numbers that are known as long as they are small:
+    where that says clearly more than what was seen of a smaller one, the smaller one is right.
     """
-    factor, most = 1.0, math.inf
+    factor, larger, seen = 1.0, None, []
     while True:
-        found, doubt = fall(*apart, base, prior), uncertainty(*apart)
+        found, doubt = _left(truth, rest, None if larger is None else rest + larger, apart, base, prior)
         if found >= _CLEARLY * doubt or effect is None or factor >= _LARGEST:
             break
-        most = min(most, _root(found + _BELIEVED * doubt) / factor)
         larger = _larger(effect, factor * _LARGER)
         if larger is None:
             break
+        seen.append((found, doubt, factor))
         factor *= _LARGER
         apart = truth.apart(rest, rest + larger)
-    return min(_root(found) / factor, most)
+    size = _root(found) / factor
+    for smaller, doubt, at in reversed(seen):
+        if (size * at) ** 2 > smaller + _BELIEVED * doubt:
+            size = _root(smaller + doubt) / at
+    return size
+
+
+def _left(
+    truth: _Truth, rest: PixelModel, other: PixelModel | None, apart: Pair, base: Pair, prior: Floats
+) -> tuple[float, float]:  # fmt: skip
+    """Return the fall of the deviance, and its standard error: the base numbers take up what they can.
+
+    Straight lines lead near to where they do; from there they lead on, if the truth has come closer.
+    """
+    if not base[0].shape[1]:
+        return fall(apart, base, prior), uncertainty(*apart)
+    moved = np.clip(taken_up(apart, base, prior), -_FARTHEST, _FARTHEST)
+    late_us = round(_TIMING_US * moved[-1])
+    moved[-1] = late_us / _TIMING_US
+    numbers = base_parameters(refractory_known=True)
+    places = [
+        min(max(free.coordinate(get(rest, free)) + by, free.range[0]), free.range[1])
+        for free, by in zip(numbers, moved[:-1], strict=True)
+    ]
+    closer = truth.apart(put(rest, numbers, places), other, late_us)
+    if closer[0] @ closer[1] + prior @ moved**2 > apart[0] @ apart[1]:
+        return fall(apart, base, prior), uncertainty(*apart)
+    return fall(closer, base, prior, moved), uncertainty(*closer)
 
 
 def _larger(effect: Effect, factor: float) -> Effect | None:
@@ -210,30 +263,48 @@ def uncertainty(first: Floats, second: Floats) -> float:
     return math.sqrt(2.0 * chance * float(mean @ mean) + len(first) * chance**2)
 
 
-def fall(first: Floats, second: Floats, columns: Floats, prior: Floats) -> float:
-    """Return the product of two differences beyond what least squares takes up along some columns.
+def fall(apart: Pair, changes: Pair, prior: Floats, moved: Floats | None = None) -> float:
+    """Return the product of two differences beyond what least squares takes up along some changes.
 
     Parameters
     ----------
-    first, second
+    apart
         (n,) whitened, with independent errors.
-    columns
-        (n, k) whitened change by each number that is free.
+    changes
+        (n, k) whitened, by each number that is free, with errors that are independent of each other and of those.
     prior
         (k,) precision with which each of them is known before.
+    moved
+        (k,) by how much each is elsewhere than where it is known to be.
     """
-    if columns.shape[1] == 0:
-        return float(first @ second)
-    left = columns.T @ columns + np.diag(prior)
-    taken = np.linalg.lstsq(left, columns.T @ second, rcond=1e-10)[0]
-    return float(first @ second - (first @ columns) @ taken)
+    moved = np.zeros(len(prior)) if moved is None else moved
+    right = _along(apart, changes) - prior * moved
+    before = apart[0] @ apart[1] + prior @ moved**2
+    return float(before - right @ taken_up(apart, changes, prior, moved))
+
+
+def taken_up(apart: Pair, changes: Pair, prior: Floats, moved: Floats | float = 0.0) -> Floats:
+    """Return (k,) how much of each change explains most of a difference; see :func:`fall`."""
+    first, second = changes
+    left = first.T @ second
+    left = 0.5 * (left + left.T) + np.diag(prior)
+    scale = np.sqrt(np.maximum(np.diag(left), 0.0))
+    unit = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    values, vectors = np.linalg.eigh(left * np.outer(unit, unit))
+    kept = values > _NO_DIRECTION
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+    return np.asarray(unit * (inverse @ (unit * (_along(apart, changes) - prior * moved))))
+
+
+def _along(apart: Pair, changes: Pair) -> Floats:
+    return np.asarray(0.5 * (changes[0].T @ apart[1] + changes[1].T @ apart[0]))
 
 
 def _root(square: float) -> float:
     return math.sqrt(max(square, 0.0))
 
 
-def _base_changes(truth: _Truth, model: PixelModel) -> tuple[Floats, Floats]:
+def _base_changes(truth: _Truth, model: PixelModel) -> tuple[Pair, Floats]:
     """Return the changes by the base pixel's numbers and the clock, and how well these are known before."""
     moved, steps, prior = [], [], []
     for free in base_parameters(refractory_known=True):
@@ -242,29 +313,29 @@ def _base_changes(truth: _Truth, model: PixelModel) -> tuple[Floats, Floats]:
         moved.append(put(model, [free], [to]))
         steps.append(to - at)
         prior.append(0.0 if math.isinf(free.prior_sd) else free.prior_sd**-2)
-    columns = np.concatenate([truth.changes(model, moved, steps), truth.delayed(model)], axis=1)
-    return columns, np.array([*prior, 1.0])
+    changes = _beside(truth.changes(model, moved, steps), truth.delayed(model))
+    return changes, np.array([*prior, 1.0])
+
+
+def _beside(some: Pair, others: Pair) -> Pair:
+    first, second = (np.concatenate(both, axis=1) for both in zip(some, others, strict=True))
+    return first, second
 
 
 def _nearest(
-    truth: _Truth, model: PixelModel, planted: str, base: Floats, prior: Floats, apart: tuple[Floats, Floats]
+    truth: _Truth, model: PixelModel, planted: str, base: Pair, prior: Floats, apart: Pair
 ) -> tuple[str, float]:  # fmt: skip
     """Return the effect of the catalogue that leaves least of the difference, and how much that is.
 
-    Slow ones are not asked.
+    Slow ones are not asked. An effect that goes one way only takes up nothing of what goes the other way.
     """
     known = [e for e in candidates(model, truth.bench.points) if e.id not in (planted, *_SLOW)]
+    alone = fall(apart, base, prior)
     left: dict[str, float] = {}
     for cls in known:
-        column = truth.changes(model, [model + probe_of(cls)], [1.0])
-        rest = fall(*apart, np.concatenate([base, column], axis=1), np.append(prior, 0.0))
-        if switches(cls)[0].range[0] >= 0.0 and not _is_along(column[:, 0], apart, base, prior):
-            rest = fall(*apart, base, prior)
-        left[cls.id] = _root(rest)
+        changes = _beside(base, truth.changes(model, [model + probe_of(cls)], [1.0]))
+        more = np.append(prior, 0.0)
+        against = switches(cls)[0].range[0] >= 0.0 and taken_up(apart, changes, more)[-1] < 0.0
+        left[cls.id] = _root(alone if against else fall(apart, changes, more))
     best = min(left, key=lambda i: left[i])
     return best, truth.bench.scale * left[best]
-
-
-def _is_along(column: Floats, apart: tuple[Floats, Floats], base: Floats, prior: Floats) -> bool:
-    """Return whether the difference has the direction of a change that goes one way only."""
-    return fall(0.5 * (apart[0] + apart[1]), column, base, prior) > 0.0

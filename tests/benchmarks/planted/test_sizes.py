@@ -43,7 +43,9 @@ def size_of(moved: Callable[[float], float], monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(sizes, "_larger", lambda _, factor: factor)
     none = np.zeros((STATISTICS, 0))
     effect = cast("Any", SimpleNamespace())
-    return sizes._size(cast("Any", truth), cast("Any", 0.0), effect, truth.apart(None, 1.0), none, np.zeros(0))
+    return sizes._size(
+        cast("Any", truth), cast("Any", 0.0), effect, truth.apart(None, 1.0), (none, none), np.zeros(0)
+    )  # fmt: skip
 
 
 def test_a_small_effect_is_a_straight_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,3 +55,28 @@ def test_a_small_effect_is_a_straight_line(monkeypatch: pytest.MonkeyPatch) -> N
 def test_what_sets_in_beyond_a_size_is_no_larger_than_what_was_seen_below(monkeypatch: pytest.MonkeyPatch) -> None:
     found = size_of(lambda factor: 1e5 if factor > 10.0 else 0.0, monkeypatch)
     assert 0.0 < found < np.sqrt(3.5 * DOUBT)
+
+
+def test_chance_in_the_changes_leaves_no_size() -> None:
+    """What another corner of the filter and a later clock do together is no effect, however chance bends them."""
+    rng = np.random.default_rng(5)
+    corner, clock = (rng.standard_normal((STATISTICS, 1)) for _ in range(2))
+    true = np.concatenate([60.0 * corner, 50.0 * corner + 5.0 * clock], axis=1)
+    apart = true @ np.array([-0.2, 1.5])
+    seen = [
+        sizes.fall(
+            (apart + rng.standard_normal(STATISTICS), apart + rng.standard_normal(STATISTICS)),
+            (true + rng.standard_normal(true.shape), true + rng.standard_normal(true.shape)),
+            np.zeros(2),
+        )
+        for _ in range(30)
+    ]
+    assert abs(np.mean(seen)) < 3.0 * np.std(seen) / np.sqrt(len(seen))
+
+
+def test_what_is_known_beforehand_takes_up_less() -> None:
+    change = np.zeros((STATISTICS, 1))
+    change[0] = 3.0
+    apart = 4.0 * change[:, 0]
+    known = sizes.fall((apart, apart), (change, change), np.array([9.0]))
+    assert known == pytest.approx(72.0)  # half of 12 squared: 9 of the data and 9 beforehand
