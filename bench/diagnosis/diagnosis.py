@@ -349,7 +349,7 @@ class Diagnosis:
                 self._propose(state, self._with_twins(state, names[first : first + _SHORTLIST]))
         if state.proposal is None and not self._asked_all:
             self._asked_all = True
-            self._propose(state, self._all_others(state), _SURE)
+            self._propose(state, self._all_others(state), _SURE, _SHORTLIST)
 
     def _promising(self, state: _State) -> list[str]:
         """Return the effects that are significant, the most promising first."""
@@ -381,16 +381,20 @@ class Diagnosis:
         twins = [TWINS[name] for name in names if name in TWINS]
         return [*names, *(name for name in dict.fromkeys(twins) if name in known and name not in names)]
 
-    def _propose(self, state: _State, shortlist: Sequence[str], worth: float = _WORTH) -> None:
+    def _propose(
+        self, state: _State, shortlist: Sequence[str], worth: float = _WORTH, most: int | None = None
+    ) -> None:  # fmt: skip
         """Propose the best of some effects once they are refitted, if it is worth adding.
 
         Parameters
         ----------
         worth
             Share that it must take away of what is too much in the deviance, where that is far off.
+        most
+            So many of them are fitted to the end.
         """
         far_off = self._far_off(state.fit)
-        refitted = self._refitted(state, shortlist)
+        refitted = self._refitted(state, shortlist, most)
         found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
         if not found or (far_off and self._share(state, found[0]) < worth):
             return
@@ -417,7 +421,7 @@ class Diagnosis:
                 best = other if nearer(self.problem, best, other, self._seed + 51) > 0.0 else best
         return [best, *(one for one in found if one is not best)]
 
-    def _refitted(self, state: _State, effect_ids: Sequence[str]) -> list[Found]:
+    def _refitted(self, state: _State, effect_ids: Sequence[str], most: int | None = None) -> list[Found]:
         """Return the models with one of these effects more, the most promising of them fitted."""
         ids = [one.effect.id for one in state.scores.probes]
         for name in effect_ids:
@@ -431,7 +435,7 @@ class Diagnosis:
             far_off = self._far_off(state.fit)
             seed = self._seed + 100 * len(self._states) + 21
             numbers = [ids.index(name) for name in unknown]
-            for found in refitted(self.problem, state.fit, state.scores, numbers, seed, far_off):
+            for found in refitted(self.problem, state.fit, state.scores, numbers, seed, far_off, most):
                 state.refitted[found.effect] = found
         return [state.refitted[name] for name in effect_ids if name in state.refitted]
 

@@ -98,13 +98,15 @@ def near_by(problem: Problem, one: Approach) -> Approach:
     return _along(problem, one, _NEAR, 0.0)
 
 
-def race(problem: Problem, entrants: Sequence[Approach]) -> list[Approach | None]:
+def race(problem: Problem, entrants: Sequence[Approach], most: int | None = None) -> list[Approach | None]:
     """Return the entrants near their minima, which may be anywhere; None for those that are left behind.
 
     Parameters
     ----------
     entrants
         The most promising first.
+    most
+        So many go on once each has gone its first way.
     """
     found: list[Approach] = []
     known: list[Approach | None] = []  # whose base numbers each was tried with
@@ -119,18 +121,24 @@ def race(problem: Problem, entrants: Sequence[Approach]) -> list[Approach | None
     best = _best(found)
     if best is None:
         return []
+    going = _the_best(found, most)
     # Before the best was known, the others were tried with base numbers that had tried to stand in for them.
-    for k, one in enumerate(found):
-        if one is not best and known[k] is not best:
-            again = _beside(problem, replace(entrants[k], cloud=one.cloud), best)
-            found[k] = min(one, again, key=lambda way: way.loss)
-    kept = _rivals(found, _EARLY_RIVALS)
+    for k, way in enumerate(going):
+        if way is not None and way is not best and known[k] is not best:
+            again = _beside(problem, replace(entrants[k], cloud=way.cloud), best)
+            going[k] = min(way, again, key=lambda one: one.loss)
+    kept = _rivals(going, _EARLY_RIVALS)
     ends = [way and further(problem, way, _FURTHER) for way in kept]
     return _rivals([way and _resized(problem, way) for way in ends], _RIVALS)
 
 
 def _best(ways: Sequence[Approach | None]) -> Approach | None:
     return min((way for way in ways if way is not None), key=lambda way: way.loss, default=None)
+
+
+def _the_best(ways: Sequence[Approach], most: int | None) -> list[Approach | None]:
+    losses = sorted(way.loss for way in ways)[:most]
+    return [way if way.loss <= losses[-1] else None for way in ways]
 
 
 def _rivals(ways: Sequence[Approach | None], most: tuple[float, float]) -> list[Approach | None]:

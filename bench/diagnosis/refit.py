@@ -35,11 +35,20 @@ class Found:
 
 
 def refitted(
-    problem: Problem, here: Fit, scores: Scores, candidates: Sequence[int], seed: int, far_off: bool
-) -> list[Found]:
-    """Return the models with one of these candidates more, fitted; those that come close to the best of them."""
+    problem: Problem, here: Fit, scores: Scores, candidates: Sequence[int], seed: int, far_off: bool,
+    most: int | None = None,
+) -> list[Found]:  # fmt: skip
+    """Return the models with one of these candidates more, fitted; those that come close to the best of them.
+
+    Parameters
+    ----------
+    far_off
+        The minima may be anywhere.
+    most
+        No more than so many go all the way there.
+    """
     entrants = [entrant(problem, here, scores, i, seed, far_off) for i in candidates]
-    ways = race(problem, entrants) if far_off else [near_by(problem, one) for one in entrants]
+    ways = race(problem, entrants, most) if far_off else [near_by(problem, one) for one in entrants]
     found = []
     for i, way in zip(candidates, ways, strict=True):
         if way is not None:

@@ -7,13 +7,14 @@ it is looked at in that size, is not what is missing.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from bench.diagnosis import robust
-from bench.diagnosis.catalogue import switches
+from bench.diagnosis.catalogue import cost_of, switches
 from bench.diagnosis.explaining import BEYOND, explain
 from bench.diagnosis.judging import freedom
 from bench.diagnosis.probing import WELL_SEEN, closer, probes_at, seen_of, well_sized
@@ -44,7 +45,8 @@ _TOO_LARGE: Final = 0.5
 _AT_MOST: Final = 4.0
 #: A share of what is too much in the loss is enough to go on with.
 _ENOUGH: Final = 0.1
-#: Where what may be missing is small, so many of the most promising are looked at closer, with this effort.
+#: Where what may be missing is small, so many of the most promising are looked at closer, with this effort; with more
+#: where the fitted model takes longer, by the root of its cost, as its fit does.
 _CLOSER: Final = 5
 _CLOSER_EFFORT: Final = 2.0
 
@@ -67,7 +69,8 @@ def probe(
     shares, falls = _expected(problem, fit, found)
     best = [int(i) for i in np.argsort(falls)[-_CLOSER:]]
     sizes = [np.where(shares[i] >= BEYOND, BEYOND, 1.0) for i in best]
-    again = closer(problem, fit, [found[i] for i in best], sizes, seed + 1, _CLOSER_EFFORT)
+    effort = _CLOSER_EFFORT * math.sqrt(cost_of(fit.model))
+    again = closer(problem, fit, [found[i] for i in best], sizes, seed + 1, effort)
     for i, one in zip(best, again, strict=True):
         found[i] = one
     return found

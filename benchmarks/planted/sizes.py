@@ -1,12 +1,12 @@
 """How large a planted effect is, before anything is diagnosed: the root of the expected fall of the deviance.
 
 The expectation of the truth with the effect stands for the measurement, and that of the truth without it for the
-model; the base pixel's numbers take up what they can, along the changes that they make. Simulated expectations are
-uncertain, and the square of a difference would count that as size: the product of two differences from sensors that
-have nothing in common does not. So it is with the changes: with chance in them they would take up less than they do,
-and what is but a later clock would count as size. What is still uncertain is told by how the two differences differ;
-an effect that does not stand out of it is made larger until it does, and the size found goes down by as much: small
-effects are straight lines, as far as what was seen of them lets them be.
+model; the numbers of the base pixel and of other effects take up what they can, along the changes that they make.
+Simulated expectations are uncertain, and the square of a difference would count that as size: the product of two
+differences from sensors that have nothing in common does not. So it is with the changes: with chance in them they
+would take up less than they do, and what is but a later clock would count as size. What is still uncertain is told by
+how the two differences differ; an effect that does not stand out of it is made larger until it does, and the size
+found goes down by as much: small effects are straight lines, as far as what was seen of them lets them be.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import candidates, probe_of, switches
+from bench.diagnosis.catalogue import candidates, free_of, probe_of, switches
 from bench.diagnosis.parameters import base_parameters, get, move, put
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import expectation, measured
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from bench.diagnosis.parameters import Free
     from bench.diagnosis.residuals import Measured
     from bench.diagnosis.summary import Summary
     from bench.store.data import PointData
@@ -234,7 +235,7 @@ def _left(
     moved = np.clip(taken_up(apart, base, prior), -_FARTHEST, _FARTHEST)
     late_us = round(_TIMING_US * moved[-1])
     moved[-1] = late_us / _TIMING_US
-    numbers = base_parameters(refractory_known=True)
+    numbers = _numbers(rest)
     places = [
         min(max(free.coordinate(get(rest, free)) + by, free.range[0]), free.range[1])
         for free, by in zip(numbers, moved[:-1], strict=True)
@@ -304,10 +305,16 @@ def _root(square: float) -> float:
     return math.sqrt(max(square, 0.0))
 
 
+def _numbers(model: PixelModel) -> list[Free]:
+    """Return the numbers of a model that are free; those of its other effects take up what they can, too."""
+    effects = [free for effect in model.effects for free in free_of(type(effect))]
+    return [*base_parameters(refractory_known=True), *effects]
+
+
 def _base_changes(truth: _Truth, model: PixelModel) -> tuple[Pair, Floats]:
-    """Return the changes by the base pixel's numbers and the clock, and how well these are known before."""
+    """Return the changes by the numbers of a model and the clock, and how well these are known before."""
     moved, steps, prior = [], [], []
-    for free in base_parameters(refractory_known=True):
+    for free in _numbers(model):
         at = free.coordinate(get(model, free))
         to = move(free, at)
         moved.append(put(model, [free], [to]))

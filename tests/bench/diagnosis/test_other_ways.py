@@ -124,6 +124,7 @@ class Promising(Diagnosis):
     def __init__(self, promised: Sequence[str], shares: dict[str, float]) -> None:
         self.promised, self.shares = promised, shares
         self.asked: list[tuple[list[str], float]] = []
+        self.fitted_to_the_end: list[int | None] = []
         self._asked_all = False
 
     def state(self) -> Any:
@@ -140,8 +141,11 @@ class Promising(Diagnosis):
     def _can_judge(self, _: Any, __: int) -> bool:
         return True
 
-    def _propose(self, state: Any, shortlist: Sequence[str], worth: float = 0.15) -> None:
+    def _propose(
+        self, state: Any, shortlist: Sequence[str], worth: float = 0.15, most: int | None = None
+    ) -> None:  # fmt: skip
         self.asked.append((list(shortlist), worth))
+        self.fitted_to_the_end.append(most)
         state.refitted |= dict.fromkeys(shortlist)
         good = [name for name in shortlist if self.shares[name] >= worth]
         state.proposal = max(good, key=lambda name: self.shares[name], default=None)
@@ -153,6 +157,7 @@ def test_where_nothing_promises_anything_all_are_asked_and_have_to_explain_most(
     made._choose(state)
     assert state.proposal == "reset_noise"
     assert [names for names, _ in made.asked] == [["high_pass"], ["hot_pixels", "reset_noise", "crosstalk"]]
+    assert made.fitted_to_the_end == [None, 3]
     again = made.state()  # once is enough
     made._choose(again)
     assert again.proposal is None

@@ -93,6 +93,13 @@ def test_once_one_explains_the_run_the_others_have_to_do_as_well(walks: dict[str
     assert walks["further"] == ["dark_current", "stray_light"]
 
 
+def test_where_many_are_asked_only_the_best_go_all_the_way(walks: dict[str, list[Any]]) -> None:
+    found = race(FakeProblem(), [LEAK, STRAY, DARK], most=1)  # type: ignore[arg-type]
+    assert [way and way.loss for way in found] == [None, None, 90.0]
+    assert walks["further"] == ["dark_current"]
+    assert walks["looks"].count("leak") == 0  # it is out before it is tried with the numbers of the best
+
+
 def test_those_before_the_best_are_tried_with_its_numbers(walks: dict[str, list[Any]]) -> None:
     found = race(FakeProblem(), [LEAK, DARK])  # type: ignore[arg-type]
     assert [way and way.loss for way in found] == [None, 90.0]
