@@ -17,7 +17,7 @@ from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import RARE, TWINS, are_the_same, candidates
 from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import deviance, deviance_beside, excess, freedom, step_of
+from bench.diagnosis.judging import deviance, deviance_beside, deviance_per_dof, excess, freedom, step_of
 from bench.diagnosis.likeness import closest, nearer, separation
 from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import Found, needless, refitted
@@ -323,7 +323,7 @@ class Diagnosis:
         self._say(f"step {number}: looking for what is missing")
         possible = candidates(fitted.model, self.problem.points, without=self._without)
         seed = self._seed + 100 * number + 11
-        gross = deviance(self.problem, fitted) / freedom(fitted) > _GROSS
+        gross = deviance_per_dof(self.problem, fitted) > _GROSS
         probes = probe(self.problem, fitted, possible, seed, gross, self._seen)
         return _State(fitted, self._scores(fitted, probes), added, fall)
 
@@ -455,7 +455,7 @@ class Diagnosis:
 
     def _far_off(self, fitted: Fit) -> bool:
         """Return whether straight lines do not tell what is missing."""
-        return deviance(self.problem, fitted) / freedom(fitted) > _FAR_OFF
+        return deviance_per_dof(self.problem, fitted) > _FAR_OFF
 
     def _share(self, state: _State, found: Found) -> float:
         """Return the share of what is too much in the deviance that an effect takes away."""
@@ -528,7 +528,7 @@ class Diagnosis:
         if self._is_explained(states[-1]):
             return ("explained" if named else "nothing_missing"), named
         # Effects that leave much behind may only have mimicked what no catalogue knows.
-        nearly = deviance(self.problem, states[-1].fit) / freedom(states[-1].fit) < _NEARLY
+        nearly = deviance_per_dof(self.problem, states[-1].fit) < _NEARLY
         sure = (s.added for s in states[1:] if s.added is not None and (nearly or s.fall > _SURE))
         return "unexplained", tuple(sure)
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "deviance",
     "deviance_beside",
+    "deviance_per_dof",
     "error_of",
     "excess",
     "freedom",
@@ -52,12 +53,17 @@ def deviance_beside(problem: Problem, one: Fit, other: Fit) -> float:
 
     Of rare events a model that is simulated with few pixels expects nothing that could be judged.
     """
-    return deviance(problem, one) * freedom(other) / freedom(one)
+    return deviance_per_dof(problem, one) * freedom(other)
 
 
 def freedom(one: Fit) -> int:
     """Return the number of independent residuals less that of the fitted numbers."""
     return max(sum(int(live(root).sum()) for root in one.roots) - len(one.slots), 1)
+
+
+def deviance_per_dof(problem: Problem, one: Fit) -> float:
+    """Return the error of a fit: its deviance by degree of freedom, about 1 for a true model."""
+    return deviance(problem, one) / freedom(one)
 
 
 def excess(problem: Problem, one: Fit) -> float:
@@ -91,7 +97,7 @@ def error_of(problem: Problem, one: Fit) -> Error:
     responses = [i for i, label in enumerate(problem.measured.labels) if label.view == "response"]
     apart = problem.measured.ratio[responses] - one.ratio[responses]
     return Error(
-        deviance_per_dof=deviance(problem, one) / freedom(one),
+        deviance_per_dof=deviance_per_dof(problem, one),
         response_rmse=float(np.sqrt(np.nanmean(apart**2))) if responses else math.nan,
         heldout_deviance_per_dof=heldout(problem, one),
     )

@@ -15,7 +15,7 @@ from bench.diagnosis.approach import approach, known_beforehand
 from bench.diagnosis.catalogue import switches
 from bench.diagnosis.fit import finish
 from bench.diagnosis.fitted import prior_precision, solve
-from bench.diagnosis.judging import deviance, excess, freedom
+from bench.diagnosis.judging import deviance_per_dof, excess
 from bench.diagnosis.steps import inside
 
 if TYPE_CHECKING:
@@ -56,12 +56,12 @@ def settled(problem: Problem, found: Fit, seed: int) -> Fit:
     most = _DEEP_VALLEY if shapes else _VALLEY
     places = [np.where(known_beforehand(found.slots), found.start, found.x)]
     for number in range(_ROUNDS):
-        if _left(problem, found) > most or excess(problem, found) < _MORE_THAN_CHANCE:
+        if deviance_per_dof(problem, found) > most or excess(problem, found) < _MORE_THAN_CHANCE:
             return found
         places += _other_shapes(problem, found, shapes)
         tried = [_from(problem, found, to, seed + 10 * number + i) for i, to in enumerate(places)]
-        best = min([found, *tried], key=lambda one: _left(problem, one))
-        if not shapes or _left(problem, best) > (1.0 - _BETTER) * _left(problem, found):
+        best = min([found, *tried], key=lambda one: deviance_per_dof(problem, one))
+        if not shapes or deviance_per_dof(problem, best) > (1.0 - _BETTER) * deviance_per_dof(problem, found):
             return best
         found, places = best, []
     return found
@@ -77,10 +77,6 @@ def unknown_shapes(problem: Problem, model: PixelModel, slots: Sequence[Slot]) -
         known = {*problem.given.get(effect.id, {}), *(f.name for f in switches(type(effect)))}
         found += [i] * (slot.free.name not in known)
     return found
-
-
-def _left(problem: Problem, one: Fit) -> float:
-    return deviance(problem, one) / freedom(one)
 
 
 def _from(problem: Problem, found: Fit, place: Floats, seed: int) -> Fit:

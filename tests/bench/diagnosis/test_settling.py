@@ -57,8 +57,7 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Any], float]], 
 
         monkeypatch.setattr(settling, "approach", lambda _, __, ___, x, **____: np.array(x))
         monkeypatch.setattr(settling, "finish", finish)
-        monkeypatch.setattr(settling, "deviance", lambda _, one: deviance(one.x))
-        monkeypatch.setattr(settling, "freedom", lambda _: FREEDOM)
+        monkeypatch.setattr(settling, "deviance_per_dof", lambda _, one: deviance(one.x) / FREEDOM)
         monkeypatch.setattr(settling, "excess", excess)
         return tried
 
