@@ -55,6 +55,8 @@ _SHORT_OF: Final = 0.2
 _GOOD: Final = 2.0
 #: A loss with little effort that is lower by this is lower.
 _CLEARLY: Final = 10.0
+#: A place is better than where the screen expects a minimum that is close when its loss is lower by this.
+_BEYOND_CHANCE: Final = 60.0
 #: Models whose loss, with little effort, is more than so many times that of the best, and so much more for chance,
 #: are out of the race.
 _RIVALS: Final = (1.5, 100.0)
@@ -94,8 +96,17 @@ def entrant(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_
 
 
 def near_by(problem: Problem, one: Approach) -> Approach:
-    """Return an entrant near its minimum, which is close."""
-    return _along(problem, one, _NEAR, 0.0)
+    """Return an entrant near its minimum, which is close.
+
+    It is where the screen expects it, unless a place is clearly better: what is looked at with little effort differs
+    by chance more than by an effect that is small.
+    """
+    way = _along(problem, one, _NEAR, 0.0)
+    start = inside(one.slots, one.at)
+    expected = next(place for place in way.cloud.places if np.array_equal(place.at, start))
+    if way.loss > expected.loss - _BEYOND_CHANCE:
+        return replace(way, at=expected.at, loss=expected.loss)
+    return way
 
 
 def race(problem: Problem, entrants: Sequence[Approach], most: int | None = None) -> list[Approach | None]:
