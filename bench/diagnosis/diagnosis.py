@@ -17,7 +17,15 @@ from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import RARE, TWINS, are_the_same, candidates
 from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import deviance, deviance_beside, deviance_per_dof, excess, freedom, step_of
+from bench.diagnosis.judging import (
+    deviance,
+    deviance_beside,
+    deviance_per_dof,
+    excess,
+    freedom,
+    leaves_less,
+    step_of,
+)
 from bench.diagnosis.likeness import closest, nearer, separation
 from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import Found, needless, refitted
@@ -396,6 +404,8 @@ class Diagnosis:
         far_off = self._far_off(state.fit)
         refitted = self._refitted(state, shortlist, most)
         found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
+        if not far_off:  # what the screen promises of a small effect may be chance, in the changes it expects
+            found = [f for f in found if leaves_less(self.problem, f.fit, state.fit)]
         if not found or (far_off and self._share(state, found[0]) < worth):
             return
         found = self._with_the_nearest_first(found)

@@ -53,8 +53,9 @@ _SMALL: Final = 1.0
 _SHORTER: Final = 0.3
 #: Effort of one end of a difference, near the minimum and where the model is far off. They are so far apart that all
 #: statistics together move by so many standard errors, to either side, if that is no more than a share of the longest
-#: step: chance is small beside that, and lines are straight.
-_SHARP: Final = 0.4
+#: step: chance is small beside that, and lines are straight. With half of the effort steps to the minimum were so
+#: much too short that fits ended two standard errors away.
+_SHARP: Final = 1.0
 _BLUNT: Final = 0.15
 _MOVED: Final = 60.0
 _FARTHEST: Final = 0.3

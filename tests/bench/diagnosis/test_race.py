@@ -13,11 +13,11 @@ import pytest
 from bench.diagnosis import race as module
 from bench.diagnosis.approach import Approach
 from bench.diagnosis.catalogue import switches
-from bench.diagnosis.cloud import Cloud
+from bench.diagnosis.cloud import Cloud, Place
 from bench.diagnosis.parameters import Free, base_parameters
 from bench.diagnosis.probing import Probe
 from bench.diagnosis.problem import Slot
-from bench.diagnosis.race import race
+from bench.diagnosis.race import near_by, race
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import DarkCurrent, Leak, LowFrequencyNoise, StrayLight
 
@@ -163,3 +163,21 @@ def test_what_is_known_beforehand_starts_where_it_is_known_to_be() -> None:
     assert at[:-1] == pytest.approx(np.where(known, start, moved + 0.2))
     near = module.entrant(problem, here, scores, 0, seed=1, far_off=False).at
     assert near[:-1] == pytest.approx(moved)
+
+
+@pytest.mark.parametrize(("fell", "ends_at"), [(50.0, 0.3), (70.0, 0.03)])
+def test_a_small_effect_stays_where_it_is_expected_unless_elsewhere_is_clearly_better(
+    monkeypatch: pytest.MonkeyPatch, fell: float, ends_at: float
+) -> None:
+    """Little effort tells the loss to some 30."""
+
+    def along(_: Any, way: Approach, *__: Any, **___: Any) -> Approach:
+        seen: Any = None
+        expected, best = (
+            Place(np.array([0.0, size]), seen, loss) for size, loss in ((0.3, 400.0), (0.03, 400.0 - fell))
+        )
+        return replace(way, at=best.at, loss=best.loss, cloud=Cloud([expected, best]))
+
+    monkeypatch.setattr(module, "_along", along)
+    way = near_by(FakeProblem(), LEAK)  # type: ignore[arg-type]
+    assert way.at[1] == ends_at
