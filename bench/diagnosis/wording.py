@@ -24,6 +24,7 @@ __all__ = [
     "gain_of",
     "head_line",
     "lines_of",
+    "number_lines",
     "on_axis",
     "p_text",
     "place_text",
@@ -71,7 +72,11 @@ def lines_of(outcome: Outcome, places: Mapping[int, Place] | None = None) -> Ite
 
 
 def end_lines(outcome: Outcome) -> Iterator[str]:
-    """Yield what stands below the steps: the verdict, what remains, and what to measure next."""
+    """Yield what stands below the steps: the numbers of the last model, the verdict, what remains, what is next."""
+    if outcome.steps:
+        # A step tells its own numbers as they were then; what is added later moves them.
+        yield "the model now, with 90 % intervals:"
+        yield from number_lines(outcome.steps[-1])
     yield verdict_line(outcome)
     for one in outcome.remainder:
         yield f"{_INDENT}left over: {remainder_text(one)}"
@@ -80,6 +85,13 @@ def end_lines(outcome: Outcome) -> Iterator[str]:
         yield line
     if outcome.verdict == "nothing_missing":
         yield from smallest_lines(outcome)
+
+
+def number_lines(step: Step) -> Iterator[str]:
+    """Yield the numbers of a model, each with its unit and interval."""
+    width = max((len(k) for k in step.parameters), default=0)
+    for key, value in step.parameters.items():
+        yield f"{_INDENT}{key:{width}}  {number_text(value)}"
 
 
 def gain_of(outcome: Outcome) -> float | None:
@@ -305,9 +317,7 @@ def comparison_lines(comparison: Comparison, places: Sequence[Place], found: Seq
     step = comparison.step
     yield from (f"not fit to judge: {finding}" for finding in comparison.findings)
     yield f"{_what(step, None)}   {error_text(step.error)}"
-    width = max((len(k) for k in step.parameters), default=0)
-    for key, value in step.parameters.items():
-        yield f"{_INDENT}{key:{width}}  {number_text(value)}"
+    yield from number_lines(step)
     if places:
         yield "fails most:"
         for place in places:

@@ -46,6 +46,16 @@ def test_a_whole_diagnosis_reads_like_the_table_that_was_asked_for(explained: Ou
     assert all(len(line) < 200 for line in text.splitlines())
 
 
+def test_the_numbers_of_the_last_model_stand_above_the_verdict(explained: Outcome) -> None:
+    first, last = explained.steps
+    dark = replace(last.parameters["dark_current.mean_fa"], value=5.6)
+    later = replace(last, number=2, added="leak", parameters=last.parameters | {"dark_current.mean_fa": dark})
+    lines = list(lines_of(replace(explained, steps=(first, last, later))))
+    below = lines[lines.index("the model now, with 90 % intervals:") : lines.index(verdict_line(explained))]
+    assert [x.split(maxsplit=1) for x in below].count(["dark_current.mean_fa", "5.60 fA (5.41 to 5.63)"]) == 1
+    assert len(below) == 1 + len(later.parameters)
+
+
 def test_what_tells_tied_effects_apart_is_told_with_its_time(explained: Outcome) -> None:
     line = "to tell the two apart (dark_current from stray_light): on_family, 12 minutes, separation 19 sigma"
     assert apart_line(explained) == line
