@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.apart import differences, surely
 from bench.diagnosis.parameters import ALIGNMENT
-from bench.diagnosis.probing import chance_of, reliable
 from bench.diagnosis.problem import Problem, settings_of
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import measured
@@ -44,12 +44,12 @@ __all__ = ["apart_at", "planned_points"]
 #: number of points and pixels.
 _POINTS: Final = 36
 _SIDE: Final = 16
+#: Effort of a simulation, and how often the two models are compared.
 _EFFORT: Final = 0.6
+_TIMES: Final = 3
 #: Numbers are moved by so many of the standard errors that the run leaves them.
 _MOVED: Final = 2.0
 _FARTHEST: Final = 0.3
-#: Standard errors of a separation that are taken off: it is a lower limit.
-_SURELY: Final = 2.0
 
 
 def planned_points(
@@ -109,13 +109,11 @@ def apart_at(
     base = there.models(fit.model, fit.slots, fit.x)
     covariance = fit.covariance(problem.measured.points)
     new = _fit_there(there, fit, np.sqrt(np.diag(covariance)), seed + 1)
-    (change,) = there.changes(base, [[rival] * len(points)], seed + 2, _EFFORT)
-    first, second = (new.whiten(half, there.measured.points) for half in reliable(there, new, change))
+    (change,) = differences(there, new, base, [[rival] * len(points)], seed + 2, _EFFORT, _TIMES)
     columns = new.whiten(new.jacobian.mean(axis=0), there.measured.points)
     left = columns.T @ columns + _precision(covariance) / of_all
-    taken = np.linalg.lstsq(left, columns.T @ second, rcond=1e-10)[0]
-    square = float(first @ second - (first @ columns) @ taken) - _SURELY * chance_of(first, second)
-    return math.sqrt(max(square, 0.0) * of_all)
+    taken = np.linalg.lstsq(left, columns.T @ change.T, rcond=1e-10)[0]
+    return math.sqrt(max(surely(change, change - (columns @ taken).T), 0.0) * of_all)
 
 
 def _problem_of(problem: Problem, fit: Fit, points: Sequence[PointData], seed: int) -> Problem:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.apart import differences, product, surely
 from bench.diagnosis.catalogue import sized, switches
-from bench.diagnosis.probing import chance_of, reliable
 from bench.diagnosis.screen import basis_of, beyond, extended
 
 if TYPE_CHECKING:
@@ -25,17 +25,18 @@ if TYPE_CHECKING:
 
 __all__ = ["closest", "nearer", "separation", "stand_in"]
 
+#: Effort of a simulation of two models, and how many there are.
 _EFFORT: Final = 2.0
+_TIMES: Final = 4
 #: No residual of the sum of two counts for more standard errors.
 _MOST: Final = 10.0
-#: Standard errors of a separation that are taken off.
-_SURELY: Final = 2.0
 #: Sizes at which an effect may come closest to another, beside that of the catalogue, with little effort; then steps
 #: to the size that a straight line from no effect lets expect, none of which changes it by more than a factor.
 _SIZES: Final = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 _ROUGH: Final = 0.2
 _STEPS: Final = 3
 _STEP_EFFORT: Final = 0.5
+_TWICE: Final = 2
 _FACTOR: Final = 3.0
 #: At the end the size may still change by this share.
 _LAST_SHARE: Final = 0.5
@@ -49,7 +50,7 @@ def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
     """
     models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
     basis = basis_of(one.fit, problem, without=one.effect)
-    return _surely(_apart(problem, one, basis, [models], seed, _EFFORT)[0])
+    return _length(_apart(problem, one, basis, [models], seed, _EFFORT, _TIMES)[0])
 
 
 def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
@@ -62,7 +63,7 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
     fit, points = one.fit, problem.measured.points
     basis = basis_of(fit, problem, without=one.effect)
     models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
-    apart = _apart(problem, one, basis, [models], seed, _EFFORT)[0].mean(axis=0)
+    apart = _apart(problem, one, basis, [models], seed, _EFFORT, _TIMES)[0].mean(axis=0)
     both = fit.whiten(fit.residual + other.fit.residual, points)
     left = beyond(basis, extended(fit, both[:, None]))[:, 0]
     return float(np.clip(left, -_MOST, _MOST) @ apart) / fit.common
@@ -75,9 +76,9 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
     come to its minimum looks different where the effect is not.
     """
     place = _Place(problem, one, other)
-    null, here = place.apart((0.0, place.size(seed)), seed, _EFFORT)
+    null, here = place.apart((0.0, place.size(seed)), seed, _EFFORT, _TIMES)
     share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
-    return _surely(here + share * (here - null))
+    return _length(here + share * (here - null))
 
 
 def stand_in(problem: Problem, one: Found, other: type[Effect], seed: int) -> PixelModel:
@@ -102,48 +103,39 @@ class _Place:
             model += sized(self._other, size, self._problem.given.get(self._other.id))
         return self._problem.models(model, self._slots, self._numbers)
 
-    def apart(self, sizes: Sequence[float], seed: int, effort: float) -> list[Floats]:
-        """Return for each size (2, n) how the models differ from the fitted one."""
-        return _apart(self._problem, self._one, self._basis, [self.models(size) for size in sizes], seed, effort)
+    def apart(self, sizes: Sequence[float], seed: int, effort: float, times: int) -> list[Floats]:
+        """Return for each size (times, n) how the models differ from the fitted one."""
+        others = [self.models(size) for size in sizes]
+        return _apart(self._problem, self._one, self._basis, others, seed, effort, times)
 
     def size(self, seed: int) -> float:
         """Return the size at which the other effect comes closest."""
         signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(self._other)) else (1.0,)
         tried = [sign * f for f in _SIZES for sign in signs]
-        looks = self.apart(tried, seed, _ROUGH)
-        size = tried[int(np.argmin([float(a @ b) for a, b in looks]))]
+        looks = self.apart(tried, seed, _ROUGH, _TWICE)
+        size = tried[int(np.argmin([product(look, look) for look in looks]))]
         for _ in range(_STEPS):
-            share = _share(*self.apart((0.0, size), seed, _STEP_EFFORT))
+            share = _share(*self.apart((0.0, size), seed, _STEP_EFFORT, _TWICE))
             size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
         return size
 
 
 def _share(null: Floats, here: Floats) -> float:
-    """Return by what share of itself a size wants to change, if all goes along the line from no effect.
-
-    The halves, (2, n) each, have no chance in common.
-    """
+    """Return by what share of itself a size wants to change, if all goes along the line from no effect."""
     along = here - null
-    length = float(along[0] @ along[1])
-    return -0.5 * float(here[0] @ along[1] + here[1] @ along[0]) / length if length > 0.0 else 0.0
+    length = product(along, along)
+    return -product(here, along) / length if length > 0.0 else 0.0
 
 
 def _apart(
-    problem: Problem, one: Found, basis: Floats, others: Sequence[Sequence[PixelModel]], seed: int, effort: float
+    problem: Problem, one: Found, basis: Floats, others: Sequence[Sequence[PixelModel]], seed: int, effort: float,
+    times: int,
 ) -> list[Floats]:  # fmt: skip
-    """Return (2, n) how some models differ from a fitted one beyond a basis, whitened, in two sensors."""
+    """Return (times, n) how some models differ from a fitted one beyond a basis, whitened."""
     base = problem.models(one.fit.model, one.fit.slots, one.fit.x)
-    found = []
-    for both in problem.changes(base, others, seed, effort):
-        halves = [one.fit.whiten(half, problem.measured.points) for half in reliable(problem, one.fit, both)]
-        found.append(np.stack([beyond(basis, extended(one.fit, half[:, None]))[:, 0] for half in halves]))
-    return found
+    found = differences(problem, one.fit, base, others, seed, effort, times)
+    return [beyond(basis, extended(one.fit, change.T)).T for change in found]
 
 
-def _surely(halves: Floats) -> float:
-    """Return the length of a difference, less what may be chance in it.
-
-    The product of both halves has no chance in its mean; its standard error follows from their difference.
-    """
-    first, second = halves
-    return math.sqrt(max(float(first @ second) - _SURELY * chance_of(first, second), 0.0))
+def _length(change: Floats) -> float:
+    return math.sqrt(max(surely(change, change), 0.0))
