@@ -33,12 +33,13 @@ class Sample:
     at: Floats  #: (k,)
     halves: Floats  #: (2, n)
     recordings: float
+    pair: int = -1  #: samples of a pair lie to both sides of a place, in the same random numbers
 
 
-def sample_of(problem: Problem, at: Floats, sensors: Sequence[Sensor]) -> Sample:
+def sample_of(problem: Problem, at: Floats, sensors: Sequence[Sensor], pair: int = -1) -> Sample:
     """Return simulated sensors as a sample."""
     halves = [problem.expect(sensors[half::2]) for half in range(2)]
-    return Sample(at, np.stack([e.value for e in halves]), sum(e.recordings for e in halves))
+    return Sample(at, np.stack([e.value for e in halves]), sum(e.recordings for e in halves), pair)
 
 
 def samples_around(
@@ -58,7 +59,7 @@ def samples_around(
     """
     places = [inside(slots, at + sign * way) for way in directions.T for sign in (1.0, -1.0)]
     found = problem.simulate([problem.models(model, slots, x) for x in places], seed, effort)
-    return [sample_of(problem, x, sensors) for x, sensors in zip(places, found, strict=True)]
+    return [sample_of(problem, x, sensors, i // 2) for i, (x, sensors) in enumerate(zip(places, found, strict=True))]
 
 
 def slopes(
@@ -68,7 +69,9 @@ def slopes(
     """Return (2, n, k) the slopes of straight lines through samples, for each of the two sensors.
 
     Samples count by the number of simulated pixels, less beyond the directions in which was looked, where lines are
-    not straight. What later events do to latencies is known; a time offset is not in the samples.
+    not straight. The lines through the pairs are parallel, no more: how a line bends lifts both ends of it, which
+    others would take for their slope where a bound leaves them one side. What later events do to latencies is known;
+    a time offset is not in the samples.
     """
     offset = np.array([slot.free.owner == ALIGNMENT for slot in slots])
     delayed = np.array([delays(slot.free) for slot in slots]) & ~offset
@@ -76,14 +79,16 @@ def slopes(
     away = np.stack([s.at - at for s in samples]) @ np.linalg.pinv(directions).T
     beyond = np.maximum(np.sum(away**2, axis=1) - 1.0, 0.0)
     weight = np.array([s.recordings for s in samples]) * np.exp(-0.5 * beyond)
-    columns = np.column_stack([np.ones(len(samples)), np.stack([s.at - at for s in samples])[:, ~offset]])
+    pairs = np.array([s.pair for s in samples])
+    levels = (pairs[:, None] == np.unique(pairs)).astype(np.float64)
+    columns = np.column_stack([levels, np.stack([s.at - at for s in samples])[:, ~offset]])
     root = np.sqrt(weight)[:, None]
-    scale = np.array([1.0, *np.maximum(np.abs(directions).max(axis=1)[~offset], 1e-300)])
+    scale = np.array([*np.ones(levels.shape[1]), *np.maximum(np.abs(directions).max(axis=1)[~offset], 1e-300)])
     back = np.linalg.pinv(root * columns * scale) * root[:, 0]
     out = np.zeros((2, len(here.value), len(slots)))
     for half in range(2):
         values = np.stack([s.halves[half] - np.sum((s.at - at)[delayed]) * late for s in samples])
-        out[half][:, ~offset] = ((back @ values) * scale[:, None])[1:].T
+        out[half][:, ~offset] = ((back @ values) * scale[:, None])[levels.shape[1] :].T
     # What a delay does to anything but latencies, by the dead time that begins later, is not known.
     for i in np.flatnonzero(offset | delayed):
         out[:, :, i] = np.where(late != 0.0, late, out[:, :, i])

@@ -1,0 +1,39 @@
+"""Changes by coordinate, from what was simulated around a place."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.parameters import Free
+from bench.diagnosis.problem import Slot
+from bench.diagnosis.slopes import Sample, slopes
+from bench.diagnosis.steps import inside
+
+#: What can be measured changes evenly with both, but for a bend with the first.
+_SLOPE = np.array([[3.0, -1.0], [2.0, 5.0], [0.0, 4.0]])
+_BEND = np.array([200.0, -50.0, 80.0])
+_SLOTS = (
+    Slot(Free("noise_floor", "rms", "noise_rms", "ln", "linear", -1.0, 1.0, 0.1, 1.0, effect=False)),
+    Slot(Free("reset_noise", "rms", "rms", "ln", "linear", 0.0, 1.0, 0.02)),
+)
+
+
+def _expected(at: np.ndarray) -> np.ndarray:
+    return np.asarray(_SLOPE @ at + _BEND * at[0] ** 2)
+
+
+@pytest.mark.parametrize("second", [0.5, 0.001, 0.0])
+def test_how_a_line_bends_is_no_slope_of_what_is_at_its_bound(second: float) -> None:
+    at = np.array([0.0, second])
+    directions = np.array([[0.1, 0.1], [0.02, -0.02]])
+    places = [(inside(_SLOTS, at + sign * way), i) for i, way in enumerate(directions.T) for sign in (1.0, -1.0)]
+    samples = [Sample(x, np.tile(_expected(x), (2, 1)), 100.0, pair) for x, pair in places]
+    samples.append(Sample(at, np.tile(_expected(at), (2, 1)), 300.0))
+    here = cast("Any", SimpleNamespace(value=_expected(at)))
+    problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
+    found = slopes(problem, _SLOTS, at, here, samples, directions)
+    np.testing.assert_allclose(found, np.tile(_SLOPE, (2, 1, 1)), rtol=1e-9, atol=1e-9)
