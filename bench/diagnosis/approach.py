@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Bools = npt.NDArray[np.bool_]
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Approach", "approach", "further", "known_beforehand", "scanned"]
+__all__ = ["Approach", "approach", "best_of", "further", "known_beforehand", "scanned"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -124,6 +124,21 @@ def approach(
     return way.end()
 
 
+def best_of(
+    problem: Problem, model: PixelModel, slots: Sequence[Slot], starts: Sequence[Sequence[float]], *, seed: int,
+    wrong: float,
+) -> Sequence[float]:  # fmt: skip
+    """Return those of some coordinates from which the run is nearest, if what is expected may be so wrong there."""
+    if len(starts) == 1:
+        return starts[0]
+    losses = []
+    for x in starts:
+        at = np.array(x, dtype=np.float64)
+        losses.append(_Way(problem, model, tuple(slots), at, seed, Cloud(), wrong).look([at]).loss)
+        _LOG.debug("a start, loss %.5g, at %s", losses[-1], shown(slots, at))
+    return starts[int(np.argmin(losses))]
+
+
 def known_beforehand(slots: Sequence[Slot]) -> Bools:
     """(k,) which numbers are known so well that on the way to a minimum they would but stand in for others."""
     return np.asarray(prior_precision(slots) > _KNOWN)
@@ -148,15 +163,16 @@ class _Way:
     """From place to place, each time to the best of some that straight lines lead to."""
 
     def __init__(
-        self, problem: Problem, model: PixelModel, slots: tuple[Slot, ...], start: Floats, seed: int, known: Cloud
-    ) -> None:
+        self, problem: Problem, model: PixelModel, slots: tuple[Slot, ...], start: Floats, seed: int, known: Cloud,
+        wrong: float = 0.0,
+    ) -> None:  # fmt: skip
         self._problem, self._model, self._slots, self._start, self._seed = problem, model, slots, start, seed
         self._precision = prior_precision(slots)
         self._offset = np.array([s.free.owner == ALIGNMENT for s in slots])
         self._delays = np.array([delays(s.free) for s in slots])
         self._rng = np.random.default_rng(seed)
         self.cloud = Cloud(known.places)
-        self._wrong = 0.0
+        self._wrong = wrong
         self._at: Floats | None = None
 
     def set_out(self, at: Floats, reach: float, wrong: float) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.approach import approach
+from bench.diagnosis.approach import approach, best_of
 from bench.diagnosis.catalogue import cost_of
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitted import Fit, prior_precision
@@ -69,8 +69,11 @@ _SHORTEST: Final = 0.02
 _HOPELESS: Final = 3.0
 
 
-def fit(problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int) -> Fit:
-    """Return the model with its numbers fitted, from the coordinates `x` on; see :func:`approach`."""
+def fit(
+    problem: Problem, model: PixelModel, slots: Sequence[Slot], starts: Sequence[Sequence[float]], *, seed: int
+) -> Fit:
+    """Return the model with its numbers fitted, from the best of some coordinates on; see :func:`approach`."""
+    x = best_of(problem, model, slots, starts, seed=seed, wrong=_ANYWHERE)
     return finish(problem, approach(problem, model, slots, x, seed=seed, wrong=_ANYWHERE))
 
 

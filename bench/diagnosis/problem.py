@@ -15,7 +15,7 @@ from bench.diagnosis.phases import with_phases
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import Measured, expectation, measured
 from bench.diagnosis.same_law import representatives
-from bench.diagnosis.start import Guess, guess
+from bench.diagnosis.start import Guess, guesses
 from bench.diagnosis.summary import add, summarise
 from bench.diagnosis.views.registry import views
 
@@ -221,10 +221,14 @@ class Problem:
                 halves[:, array] = 0.0
             yield Change(halves, 0.5 * len(there) * there[0].share)
 
-    def start(self, model: PixelModel, *, by_eye: bool = True) -> list[float]:
-        """Return the coordinates of a model's free numbers; of the base pixel perhaps what the curves show by eye."""
+    def starts(self, model: PixelModel, *, by_eye: bool = True) -> list[list[float]]:
+        """Return coordinates of a model's free numbers; of the base pixel perhaps those that the curves may show."""
         own = Guess(model.theta_on, model.theta_off, model.noise_rms, model.corner_hz)
-        guesses = [guess(self, s, own) if by_eye else own for s in range(self.settings)]
+        seen = [guesses(self, s, own) if by_eye else [own] for s in range(self.settings)]
+        most = max(len(found) for found in seen)
+        return [self._start(model, [found[min(k, len(found) - 1)] for found in seen]) for k in range(most)]
+
+    def _start(self, model: PixelModel, guessed: Sequence[Guess]) -> list[float]:
         found = []
         for slot in self.base_slots():
             setting = slot.setting or 0
@@ -235,6 +239,6 @@ class Problem:
                 first = self.points[self.setting.index(setting)]
                 value = first.refractory_s if np.isfinite(first.refractory_s) else model.refractory_s
             else:
-                value = getattr(guesses[setting], slot.free.field)
+                value = getattr(guessed[setting], slot.free.field)
             found.append(slot.free.coordinate(max(value, slot.free.lowest)))
         return [*found, *(f.coordinate(getattr(e, f.field)) for e in model.effects for f in free_of(type(e)))]

@@ -63,8 +63,8 @@ class Session:
     def fit(self, seed: int) -> Fit:
         """Return the model with its free numbers fitted; from then on a ripple has the phase of each recording."""
         slots = self.problem.slots_of(self.model)
-        start = self.problem.start(self.model, by_eye=self.by_eye)
-        found = fit(self.problem, self.model, slots, start, seed=seed)
+        starts = self.problem.starts(self.model, by_eye=self.by_eye)
+        found = fit(self.problem, self.model, slots, starts, seed=seed)
         given = self.problem.given.get(LightFlicker.id)
         own = self.model.effect(LightFlicker.id)
         if given is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.residuals import Measured
 
-__all__ = ["Guess", "guess"]
+__all__ = ["Guess", "guesses"]
 
 #: A step is always answered above this share.
 _ANSWERED: Final = 0.9
@@ -23,6 +24,9 @@ _TWO: Final = 2
 _EARLY: Final = 2.3
 _NOISE: Final = (0.015, 0.12)
 _CORNER_HZ: Final = (5.0, 5e3)
+#: Shares of a threshold that it may be of what latencies show, and shares of the contrast at which responses rise.
+_OF_SHOWN: Final = (1.0, 0.7, 0.5)
+_OF_RISE: Final = ((1.0, 1.0), (1.0, 0.75), (0.75, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,26 +57,29 @@ class _Curve:
         return None
 
 
-def guess(problem: Problem, setting: int, otherwise: Guess) -> Guess:
-    """Return what the brightest curves of a setting show; where they show nothing, `otherwise`."""
+def guesses(problem: Problem, setting: int, otherwise: Guess) -> list[Guess]:
+    """Return what the brightest curves of a setting may show; `otherwise` where they show nothing.
+
+    Latencies show thresholds larger than they are where the step before was answered more than once: the pixel does
+    not remember the whole of it. Responses of a square wave rise at the larger one.
+    """
     curves = {part: _brightest(problem.measured, problem.setting, setting, part) for part in ("on", "off")}
     seen = {part: _from_latencies(c) for part, c in curves.items() if c is not None}
     known = {part: pair for part, pair in seen.items() if pair is not None}
     if not known:
-        return otherwise
+        return [otherwise]
     tau = float(np.median([tau for _, tau in known.values()]))
-    theta = {part: theta for part, (theta, _) in known.items()}
+    either = float(np.mean([theta for theta, _ in known.values()]))
+    on, off = (known[part][0] if part in known else either for part in ("on", "off"))
+    pairs = [(a * on, b * off) for a, b in product(_OF_SHOWN, repeat=2)]
     # A square wave shows one rise in both curves, at the less sensitive threshold: noise answers before it.
-    highest = max(theta.values())
     rises = [v for part in known if (v := curves[part].crossing(0.5)) is not None]  # type: ignore[union-attr]
-    rms = float(np.clip((highest - max(rises)) / _EARLY, *_NOISE)) if rises else otherwise.noise_rms
-    either = float(np.mean(list(theta.values())))
-    return Guess(
-        theta_on=theta.get("on", either),
-        theta_off=theta.get("off", either),
-        noise_rms=rms,
-        corner_hz=float(np.clip(1.0 / (2.0 * math.pi * tau), *_CORNER_HZ)),
-    )
+    rms = otherwise.noise_rms
+    if rises:
+        rms = float(np.clip((max(theta for theta, _ in known.values()) - max(rises)) / _EARLY, *_NOISE))
+        pairs += [(a * max(rises), b * max(rises)) for a, b in _OF_RISE]
+    corner_hz = float(np.clip(1.0 / (2.0 * math.pi * tau), *_CORNER_HZ))
+    return [Guess(theta_on=a, theta_off=b, noise_rms=rms, corner_hz=corner_hz) for a, b in pairs]
 
 
 def _from_latencies(curve: _Curve) -> tuple[float, float] | None:

@@ -26,7 +26,7 @@ def test_the_numbers_of_the_base_pixel_are_approached(point: Callable[..., Any],
     points.append(point(len(points), 0.0, **window))
     with open_session([run_of(points, PIXEL, 3)]) as session:
         problem = session.problem
-        found = fit(problem, session.model, problem.base_slots(), problem.start(session.model), seed=4)
+        found = fit(problem, session.model, problem.base_slots(), problem.starts(session.model), seed=4)
         values = values_of(problem, found)
         error = error_of(problem, found)
     # Coarse, as the thresholds, the noise and the corner nearly make up for each other in so small a run.
