@@ -26,7 +26,7 @@ from bench.diagnosis.judging import (
     leaves_less,
     step_of,
 )
-from bench.diagnosis.likeness import closest, nearer, separation
+from bench.diagnosis.likeness import nearer
 from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import Found, needless, refitted
 from bench.diagnosis.remainder import remainder_of
@@ -35,6 +35,7 @@ from bench.diagnosis.screen import score
 from bench.diagnosis.session import open_session
 from bench.diagnosis.settling import settled
 from bench.diagnosis.sizing import probe
+from bench.diagnosis.ties import tied_with
 from bench.store import Run
 from protocols.errors import InputError
 
@@ -76,15 +77,10 @@ _EXPLAINED: Final = 5.0
 #: away more than this share of what the one that was added did.
 _DETOURS: Final = 2
 _NEARLY_AS_WELL: Final = 0.5
-#: Predicted separation, in standard errors, below which two effects cannot be told apart.
-_TIED: Final = 2.0
-_IN_A_TIE: Final = 3
-#: and it is only proposed in place of the best when its fit is about as good.
+#: Of effects that cannot be told apart one is only proposed in place of the best when its fit is about as good.
 _AS_GOOD: Final = 1.1
 #: Deviances of two fitted models that differ by fewer standard deviations may differ by the chance of simulations.
 _ABOUT: Final = 4.0
-#: Two effects are only confused when one explains at least so much of what the other does.
-_AS_WELL: Final = 0.5
 #: The loss, in which large residuals count by their size, falls by so much, too.
 _LEAST_FALL: Final = 4.0
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
@@ -412,7 +408,8 @@ class Diagnosis:
         best = found[0]
         refused = {f.effect for f in refitted} - {f.effect for f in found}
         rivals = [name for name in shortlist if name not in refused] if far_off else ()
-        tied = (best.effect, *self._tied(state, best, found, rivals))
+        judged = [i for i in range(len(state.scores.probes)) if self._can_judge(state.scores, i)]
+        tied = (best.effect, *tied_with(self.problem, best, found, state.scores, judged, rivals, self._seed + 31))
         # Of effects that are the same to the data, the more usual one is proposed. While something else is missing,
         # what tells an effect from its twin may be that.
         good = {f.effect for f in found if f.deviance <= _AS_GOOD * best.deviance}
@@ -472,39 +469,6 @@ class Diagnosis:
         n = freedom(state.fit)
         before = max(deviance(self.problem, state.fit) - n, math.sqrt(2.0 * n))
         return (deviance(self.problem, state.fit) - found.deviance) / before
-
-    def _tied(
-        self, state: _State, best: Found, found: Sequence[Found], shortlist: Sequence[str]
-    ) -> tuple[str, ...]:  # fmt: skip
-        """Return the effects that the data cannot tell from the best.
-
-        Parameters
-        ----------
-        shortlist
-            Effects that may be the same to the data, where straight lines do not tell; empty where they do.
-        """
-        scores = state.scores
-        ids = [one.effect.id for one in scores.probes]
-        number = ids.index(best.effect)
-        size = math.sqrt(max(float(scores.drop[number]), 0.0))
-        rivals = []
-        known = {f.effect: f for f in found}
-        for i, name in enumerate(ids):
-            if name == best.effect or not self._can_judge(scores, i):
-                continue
-            if are_the_same(name, best.effect, self.problem.points):
-                apart = 0.0
-            elif name in shortlist:
-                apart = separation(self.problem, best, known[name], self._seed + 31) if name in known else math.inf
-                if apart >= _TIED:
-                    apart = closest(self.problem, best, scores.probes[i].effect, self._seed + 31)
-            elif shortlist or scores.drop[i] < _AS_WELL * scores.drop[number]:
-                continue
-            else:
-                apart = size * math.sqrt(max(1.0 - float(scores.likeness[number, i]) ** 2, 0.0))
-            if apart < _TIED:
-                rivals.append((apart, name))
-        return tuple(name for _, name in sorted(rivals)[: _IN_A_TIE - 1])
 
     def _drop(self) -> None:
         """Take out effects that were added before and have turned out to be needless."""

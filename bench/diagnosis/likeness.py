@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["closest", "nearer", "separation", "stand_in"]
 
 #: Effort of a simulation of two models, and how many there are.
-_EFFORT: Final = 2.0
+_EFFORT: Final = 1.0
 _TIMES: Final = 4
 #: No residual of the sum of two counts for more standard errors.
 _MOST: Final = 10.0

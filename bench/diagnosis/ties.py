@@ -1,0 +1,74 @@
+"""Effects that the data cannot tell from the best one."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis.catalogue import are_the_same
+from bench.diagnosis.likeness import closest, separation
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.refit import Found
+    from bench.diagnosis.screen import Scores
+
+__all__ = ["tied_with"]
+
+#: Predicted separation, in standard errors, below which two effects cannot be told apart.
+_TIED: Final = 2.0
+#: Up to this one straight lines do not tell, as there is chance in them: both are simulated.
+_PERHAPS: Final = 8.0
+#: So many effects are in a tie at the most.
+_IN_A_TIE: Final = 3
+#: Two effects are only confused when one explains at least so much of what the other does.
+_AS_WELL: Final = 0.5
+
+
+def tied_with(
+    problem: Problem, best: Found, found: Sequence[Found], scores: Scores, judged: Sequence[int],
+    rivals: Collection[str], seed: int,
+) -> tuple[str, ...]:  # fmt: skip
+    """Return the effects that the data cannot tell from the best, the nearest first.
+
+    Parameters
+    ----------
+    found
+        Those that were refitted and may be added.
+    judged
+        The probes of `scores` that say something.
+    rivals
+        Effects that may be the same to the data, where straight lines do not tell; empty where they do.
+    seed
+        Of the simulations.
+    """
+    number = next(i for i, one in enumerate(scores.probes) if one.effect.id == best.effect)
+    known = {f.effect: f for f in found}
+    near = []
+    for i in judged:
+        effect = scores.probes[i].effect
+        if effect.id == best.effect:
+            continue
+        if are_the_same(effect.id, best.effect, problem.points):
+            apart = 0.0
+        elif effect.id in rivals:
+            apart = separation(problem, best, known[effect.id], seed) if effect.id in known else math.inf
+            if apart >= _TIED:
+                apart = closest(problem, best, effect, seed)
+        elif rivals or scores.drop[i] < _AS_WELL * scores.drop[number]:
+            continue
+        else:
+            apart = _along_lines(scores, number, i)
+            if _TIED <= apart < _PERHAPS:
+                apart = closest(problem, best, effect, seed)
+        if apart < _TIED:
+            near.append((apart, effect.id))
+    return tuple(name for _, name in sorted(near)[: _IN_A_TIE - 1])
+
+
+def _along_lines(scores: Scores, one: int, other: int) -> float:
+    """Return by how many standard errors two effects differ, if what they do goes along straight lines."""
+    size = math.sqrt(max(float(scores.drop[one]), 0.0))
+    return size * math.sqrt(max(1.0 - float(scores.likeness[one, other]) ** 2, 0.0))
