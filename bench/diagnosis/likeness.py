@@ -38,6 +38,9 @@ _STEPS: Final = 3
 _STEP_EFFORT: Final = 0.5
 _TWICE: Final = 2
 _FACTOR: Final = 3.0
+_THERE: Final = 0.1
+#: What is further apart with little effort is so with more.
+_CLEAR: Final = 30.0
 #: At the end the size may still change by this share.
 _LAST_SHARE: Final = 0.5
 
@@ -66,7 +69,7 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
     apart = _apart(problem, one, basis, [models], seed, _EFFORT, _TIMES)[0].mean(axis=0)
     both = fit.whiten(fit.residual + other.fit.residual, points)
     left = beyond(basis, extended(fit, both[:, None]))[:, 0]
-    return float(np.clip(left, -_MOST, _MOST) @ apart) / fit.common
+    return float(_clipped(left) @ apart) / fit.common
 
 
 def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> float:
@@ -76,7 +79,11 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
     come to its minimum looks different where the effect is not.
     """
     place = _Place(problem, one, other)
-    null, here = place.apart((0.0, place.size(seed)), seed, _EFFORT, _TIMES)
+    size, look = place.size(seed)
+    rough = _clipped(look)
+    if product(rough, rough) > _CLEAR**2:
+        return math.sqrt(product(rough, rough))
+    null, here = place.apart((0.0, size), seed, _EFFORT, _TIMES)
     share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
     return _length(here + share * (here - null))
 
@@ -84,7 +91,7 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
 def stand_in(problem: Problem, one: Found, other: type[Effect], seed: int) -> PixelModel:
     """Return the first model with another effect in the place of its own, in the size that comes closest."""
     place = _Place(problem, one, other)
-    return place.models(place.size(seed))[0]
+    return place.models(place.size(seed)[0])[0]
 
 
 class _Place:
@@ -108,16 +115,19 @@ class _Place:
         others = [self.models(size) for size in sizes]
         return _apart(self._problem, self._one, self._basis, others, seed, effort, times)
 
-    def size(self, seed: int) -> float:
-        """Return the size at which the other effect comes closest."""
+    def size(self, seed: int) -> tuple[float, Floats]:
+        """Return the size at which the other effect comes closest, and a look at about that one: (times, n)."""
         signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(self._other)) else (1.0,)
         tried = [sign * f for f in _SIZES for sign in signs]
         looks = self.apart(tried, seed, _ROUGH, _TWICE)
         size = tried[int(np.argmin([product(look, look) for look in looks]))]
         for _ in range(_STEPS):
-            share = _share(*self.apart((0.0, size), seed, _STEP_EFFORT, _TWICE))
+            null, here = self.apart((0.0, size), seed, _STEP_EFFORT, _TWICE)
+            share = _share(null, here)
             size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
-        return size
+            if abs(share) < _THERE:
+                break
+        return size, here
 
 
 def _share(null: Floats, here: Floats) -> float:
@@ -138,4 +148,10 @@ def _apart(
 
 
 def _length(change: Floats) -> float:
+    """Return the least length that a change surely has; where it is gross, chance is gross, too."""
+    change = _clipped(change)
     return math.sqrt(max(surely(change, change), 0.0))
+
+
+def _clipped(change: Floats) -> Floats:
+    return np.clip(change, -_MOST, _MOST)

@@ -283,13 +283,14 @@ def apart_line(outcome: Outcome) -> str | None:
     if isinstance(sigma, int | float) and math.isfinite(sigma):
         far = sigma > _FAR_APART
         parts.append(f"separation over {_FAR_APART:.0f} sigma" if far else f"separation {sigma:.0f} sigma")
-    named = f" ({_listed(names, 'from')})" if names else ""
+    named = f" ({_listed(names, 'from' if len(names) == _TWO else 'and')})" if names else ""
     return f"to tell {which} apart{named}: {', '.join(parts)}"
 
 
 #: Standard errors beyond which it does not matter how many: what is so gross is no straight line.
 _FAR_APART: Final = 100.0
 _SMALL_NUMBERS: Final = {2: "two", 3: "three"}
+_TWO: Final = 2
 
 
 def smallest(outcome: Outcome) -> list[tuple[str, str]]:

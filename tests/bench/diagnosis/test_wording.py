@@ -60,6 +60,10 @@ def test_what_tells_tied_effects_apart_is_told_with_its_time(explained: Outcome)
     line = "to tell the two apart (dark_current from stray_light): on_family, 12 minutes, separation 19 sigma"
     assert apart_line(explained) == line
     assert apart_line(replace(explained, next_measurement=None)) is None
+    three = {"protocol": "pulse_width", "title": "pulse_width", "separates": ["a", "b", "c"], "minutes": 3.0}
+    assert apart_line(replace(explained, next_measurement=three)) == (
+        "to tell the three apart (a, b and c): pulse_width, 3 minutes"
+    )
 
 
 def test_nothing_missing_says_what_would_have_been_seen(nothing_missing: Outcome) -> None:
