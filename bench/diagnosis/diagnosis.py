@@ -236,12 +236,8 @@ class Diagnosis:
         """Return what was found so far."""
         states = self._all() if not self.findings else self._states
         verdict, missing = self._verdict(states)
-        ties = {
-            state.added: before.tied
-            for before, state in pairwise(states)
-            if state.added is not None and state.added in missing and before.tied and before.proposal == state.added
-        }
         last = states[-1].fit if states else None
+        ties = _ties(states, missing)
         return Outcome(
             runs=self._session.ids,
             findings=self.findings,
@@ -528,6 +524,16 @@ class Diagnosis:
                 )
             )
         return step_of(self.problem, state.fit, number, state.added, rows)
+
+
+def _ties(states: Sequence[_State], missing: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return for each effect that was added what could take its place, but for what was added as well."""
+    found = {}
+    for before, state in pairwise(states):
+        others = tuple(name for name in before.tied if states[-1].fit.model.effect(name) is None)
+        if state.added is not None and state.added in missing and others and before.proposal == state.added:
+            found[state.added] = others
+    return found
 
 
 def _smallest(scores: Scores, i: int) -> float | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.diagnosis import Diagnosis
+from bench.diagnosis.diagnosis import Diagnosis, _ties
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -169,3 +169,19 @@ def test_what_explains_some_of_it_alone_is_not_taken_for_what_is_missing() -> No
     state = made.state()
     made._choose(state)
     assert state.proposal is None
+
+
+def test_what_was_tied_and_then_added_is_tied_no_more() -> None:
+    delay = SimpleNamespace(id="comparator_delay")
+    trail = SimpleNamespace(id="trail_filter")
+
+    def state(added: str | None, proposal: str | None, tied: tuple[str, ...], *effects: Any) -> Any:
+        model = SimpleNamespace(effect=lambda name: next((e for e in effects if e.id == name), None))
+        return SimpleNamespace(added=added, proposal=proposal, tied=tied, fit=SimpleNamespace(model=model))
+
+    first = state(None, delay.id, (trail.id, "light_rise_time"))
+    second = state(delay.id, trail.id, (), delay)
+    third = state(trail.id, None, (), delay, trail)
+    assert _ties([first, second], [delay.id]) == {delay.id: (trail.id, "light_rise_time")}
+    assert _ties([first, second, third], [delay.id, trail.id]) == {delay.id: ("light_rise_time",)}
+    assert _ties([first, second], []) == {}
