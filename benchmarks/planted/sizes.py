@@ -62,7 +62,8 @@ _TIMING_US: Final = 10
 #: An effect whose fall stands out by fewer standard errors is made larger, by this factor, so many times in all.
 _CLEARLY: Final = 6.0
 _LARGER, _LARGEST = 4.0, 256.0
-#: Of two sizes the one of the smaller effect holds where they are more standard errors apart.
+#: Of two sizes the one of the smaller effect holds where they are more standard errors apart; changes by a number
+#: count where they stand out by as many.
 _BELIEVED: Final = 3.0
 _SLOW: Final = frozenset({"high_pass"})
 _QUARTER: Final = Roi(ROI.x, ROI.y, ROI.width // 2, ROI.height // 2)
@@ -102,6 +103,15 @@ class _Bench:
         noise = recording_seed(self._seed + of_set, sensor, 1 + point.index)
         events = simulate_point(point, on_sensor(model, SENSOR), self._engine, sensor_seed=pixels, seed=noise)
         return summarise(Recording(Frame(point), (_later(e, late_us) for e in events)), VIEWS)
+
+
+def _believed(first: Floats, second: Floats) -> Pair:
+    """Return changes, without those by numbers of which nothing shows that stands out of chance.
+
+    It would be in need of long ways to take anything up, and would seem to take up much.
+    """
+    seen = [a @ b > _BELIEVED * uncertainty(a, b) for a, b in zip(first.T, second.T, strict=True)]
+    return first * seen, second * seen
 
 
 def _later(events: npt.NDArray[np.void], late_us: int) -> npt.NDArray[np.void]:
@@ -145,8 +155,7 @@ class _Truth:
 
     def changes(self, model: PixelModel, others: Sequence[PixelModel], steps: Sequence[float]) -> Pair:
         """(n, k) change from a model to each of the others, by unit of its step, from each of two sets."""
-        first, second = (self._changes(model, others, steps, s) for s in _OTHER_SETS)
-        return first, second
+        return _believed(*(self._changes(model, others, steps, s) for s in _OTHER_SETS))
 
     def _changes(
         self, model: PixelModel, others: Sequence[PixelModel], steps: Sequence[float], of_set: int
@@ -160,8 +169,7 @@ class _Truth:
 
     def delayed(self, model: PixelModel) -> Pair:
         """(n, 1) change when all events come as late as the clocks may be apart, from each of two sets."""
-        first, second = (self._delayed(model, s)[:, None] for s in _OTHER_SETS)
-        return first, second
+        return _believed(*(self._delayed(model, s)[:, None] for s in _OTHER_SETS))
 
     def _delayed(self, model: PixelModel, of_set: int) -> Floats:
         late = self.value(self.bench.see(model, of_set, _OTHERS, _TIMING_US))

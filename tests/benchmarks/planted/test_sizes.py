@@ -80,3 +80,26 @@ def test_what_is_known_beforehand_takes_up_less() -> None:
     apart = 4.0 * change[:, 0]
     known = sizes.fall((apart, apart), (change, change), np.array([9.0]))
     assert known == pytest.approx(72.0)  # half of 12 squared: 9 of the data and 9 beforehand
+
+
+def test_numbers_of_which_nothing_shows_take_up_nothing() -> None:
+    # By three numbers nothing changes but by chance; one of them is known beforehand.
+    falls = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        apart = np.zeros(STATISTICS)
+        apart[0] = 40.0
+        chance = rng.standard_normal((2, STATISTICS, 3)) * 2.0
+        changes = sizes._believed(*chance)
+        falls.append(sizes.fall((apart, apart), changes, np.array([0.0, 1.0, 0.0])))
+    # One in a thousand such columns stands out by three standard errors.
+    assert falls == pytest.approx([1600.0] * len(falls))
+
+
+def test_what_shows_clearly_is_believed() -> None:
+    rng = np.random.default_rng(1)
+    true = np.zeros((STATISTICS, 1))
+    true[:20] = 30.0
+    first, second = sizes._believed(*(true + rng.standard_normal((STATISTICS, 1)) for _ in range(2)))
+    left = sizes.fall((5.0 * true[:, 0],) * 2, (first, second), np.zeros(1))
+    assert abs(left) < 0.01 * 25.0 * float(np.sum(true**2))
