@@ -72,7 +72,7 @@ def draw_confusion(found: Mapping[tuple[str, str], int]) -> Figure:
                 ax.add_patch(_cell(x, y, colour, n / total))
                 ax.text(x, y, str(n), ha="center", va="center", fontsize=8)
     ax.set_xlim(-0.5, len(columns) - 0.5)
-    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_ylim(max(len(rows), 1) - 0.5, -0.5)
     ax.set_xticks(range(len(columns)), [c.replace("_", " ") for c in columns], rotation=55, ha="right", fontsize=7.5)
     ax.set_yticks(range(len(rows)), [r.replace("_", " ") for r in rows], fontsize=7.5)
     ax.set_xlabel("named first")

@@ -85,9 +85,9 @@ def _lines(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> Iter
 
 _METHOD: Final = (
     "**Size** is the root of the expected fall of the deviance between the truth with and without the effect. It is",
-    "computed before the diagnosis, from simulated expectations, when the base pixel's numbers have taken up what",
-    "they can; the chance in the simulations cancels in the product of two independent ones. Of gross effects it is",
-    "what the straight line says, and only says that they are gross.",
+    "worked out apart from any diagnosis, from simulated expectations, when the numbers of the base pixel and of",
+    "other effects have taken up what they can; the chance in the simulations cancels in the product of two",
+    "independent ones. Of gross effects it is what the straight line says, and only says that they are gross.",
     "",
     "**Runs** have 16 x 16 pixels and at most 40 points: constant light and square waves of two widths, at three to",
     "five light levels. The base pixel differs from case to case. A third of the runs was made by the reference",

@@ -1,4 +1,4 @@
-"""The file of finished cases: one line of JSON each, so that a study that was stopped goes on where it was."""
+"""Files of finished cases, of diagnoses and of sizes: a line of JSON each, so that a stopped study goes on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import os
 from typing import TYPE_CHECKING, Any
 
-from benchmarks.planted.sizes import Sizes
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
 
     from benchmarks.planted.cases import Case
 
-__all__ = ["append", "finished", "known_sizes", "read"]
+__all__ = ["append", "finished", "joined", "read"]
 
 
 def append(path: Path, record: dict[str, Any]) -> None:
@@ -47,8 +46,8 @@ def read(path: Path) -> list[dict[str, Any]]:
     return list(found.values())
 
 
-def finished(path: Path, seed: int) -> set[str]:
-    """Return the names of the finished cases.
+def finished(path: Path, seed: int, cases: Sequence[Case] | None = None) -> set[str]:
+    """Return the names of what is finished; of cases that are named, if they still are what they were.
 
     Raises
     ------
@@ -58,14 +57,21 @@ def finished(path: Path, seed: int) -> set[str]:
     records = read(path)
     others = {r["study_seed"] for r in records} - {seed}
     if others:
-        raise InputError(f"{path}: holds cases of seed {min(others)}, not {seed}; name another file with --results")
-    return {r["name"] for r in records}
-
-
-def known_sizes(path: Path, cases: Sequence[Case]) -> dict[str, Sizes]:
-    """Return the sizes that are in a file, by name, of those cases that are still what they were."""
+        raise InputError(f"{path}: holds cases of seed {min(others)}, not {seed}; name another folder with --results")
+    if cases is None:
+        return {r["name"] for r in records}
     truths = {case.name: json.loads(json.dumps(case.to_dict())) for case in cases}
-    return {r["name"]: Sizes(**r["sizes"]) for r in read(path) if truths.get(r["name"]) == r["truth"]}
+    return {r["name"] for r in records if truths.get(r["name"]) == r["truth"]}
+
+
+def joined(diagnoses: Path, sizes: Path) -> list[dict[str, Any]]:
+    """Return the cases of which both is finished, diagnosis and sizes."""
+    known = {r["name"]: r for r in read(sizes)}
+    return [
+        {**r, "sizes": known[r["name"]]["sizes"]}
+        for r in read(diagnoses)
+        if r["name"] in known and known[r["name"]]["truth"] == r["truth"]
+    ]
 
 
 def _ends_whole(path: Path) -> bool:

@@ -1,11 +1,12 @@
 """The planted-effect study: runs its cases side by side, and writes what came out into the documentation.
 
 Run with ``make study`` or ``python -m benchmarks.planted``. It can be stopped at any time, and goes on where it was;
-the report is written of the cases that are finished::
+the report is written of the cases of which both is finished, the sizes of the effects and the diagnosis::
 
     python -m benchmarks.planted --only none --limit 10     ten cases with nothing planted
     python -m benchmarks.planted --report                   the report alone
-    python -m benchmarks.planted --sizes-only               the sizes of the effects, which any later study knows then
+    python -m benchmarks.planted --sizes-only               the sizes, which do not depend on how a diagnosis searches
+    python -m benchmarks.planted --diagnoses-only
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from typing import TYPE_CHECKING, Final
 from bench.compute import Workforce
 from bench.run.software import revision
 from benchmarks.planted.cases import KINDS, cases
-from benchmarks.planted.results import append, finished, known_sizes, read
+from benchmarks.planted.results import append, finished, joined
 from benchmarks.planted.trial import Trial, run_sizes, run_trial
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
     from benchmarks.planted.cases import Case
@@ -35,7 +36,10 @@ __all__ = ["main", "run_study", "wanted"]
 _ROOT: Final = Path(__file__).resolve().parents[2]
 _DOCS: Final = _ROOT / "docs" / "reference"
 #: Finished cases are kept beside the report, so that a study of many hours goes on in any checkout.
-_RESULTS: Final = _DOCS / "planted-study" / "cases.jsonl"
+_RESULTS: Final = _DOCS / "planted-study"
+_SIZES, _DIAGNOSES = "sizes.jsonl", "cases.jsonl"
+#: What is done with each case, and the file that it goes to.
+_WORK: Final[Mapping[str, Callable[[Trial], dict[str, Any]]]] = {_SIZES: run_sizes, _DIAGNOSES: run_trial}
 
 
 def wanted(seed: int, only: Sequence[str] = (), limit: int | None = None) -> list[Case]:
@@ -68,48 +72,52 @@ def run_study(
     seed: int,
     workers: int = 1,
     tell: Callable[[str], None] = print,
-    trial: Callable[[Trial], dict[str, Any]] = run_trial,
-    sizes: Path | None = None,
-    again: bool = False,
+    work: Mapping[str, Callable[[Trial], dict[str, Any]]] = _WORK,
 ) -> int:
-    """Run the cases that are not in the file of results yet; return how many failed.
+    """Run what is not in the files of results yet; return how much failed.
 
-    A case that fails is told, and tried again when the study is run again; the others go on. Sizes that are known do
-    not depend on how a diagnosis searches, but on its views: they are read from the file `sizes`, and what is found
-    out is added there. With `again` no case counts as finished.
+    What fails is told, and tried again when the study is run again; the others go on. A case that is not what it was
+    counts as new.
+
+    Parameters
+    ----------
+    results
+        Folder of the files.
+    work
+        What is done with each case, by the name of the file that it goes to.
     """
-    results.parent.mkdir(parents=True, exist_ok=True)
-    done = set() if again else finished(results, seed)
-    known = known_sizes(sizes, chosen) if sizes is not None else {}
-    left = [Trial(c, seed, _revision(), known=known.get(c.name)) for c in chosen if c.name not in done]
-    tell(f"{len(chosen) - len(left)} of {len(chosen)} cases were finished before")
+    results.mkdir(parents=True, exist_ok=True)
+    done = {name: finished(results / name, seed, chosen) for name in work}
+    trials = [Trial(c, seed, _revision()) for c in chosen]
+    left = [(name, one) for one in trials for name in work if one.case.name not in done[name]]
+    tell(f"{len(trials) * len(work) - len(left)} of {len(trials) * len(work)} were finished before")
     begin, count, failed = time.monotonic(), 0, 0
     with Workforce(workers).open(tell) as executor:
-        for index, record in executor.map(_Caught(trial), left, name=lambda t: t.case.name):
+        for index, record in executor.map(_Caught(work), left, name=lambda one: f"{one[1].case.name}, {one[0]}"):
             count += 1
             left_min = (time.monotonic() - begin) / count * (len(left) - count) / 60.0
+            name, trial = left[index]
             if "failed" in record:
                 failed += 1
-                tell(f"{count}/{len(left)}  {left[index].case.name}: failed: {record['failed']}")
+                tell(f"{count}/{len(left)}  {trial.case.name}: failed: {record['failed']}")
                 continue
-            append(results, record)
-            if sizes is not None and left[index].known is None:
-                append(sizes, {k: record[k] for k in ("name", "study_seed", "truth", "sizes")})
-            tell(f"{count}/{len(left)}  {_line(left[index].case, record)}; {left_min:.0f} min left")
+            append(results / name, record)
+            tell(f"{count}/{len(left)}  {_line(trial.case, record)}; {left_min:.0f} min left")
     return failed
 
 
 @dataclass(frozen=True, slots=True)
 class _Caught:
-    """Tries a case; what it raises becomes its record, so that the others go on."""
+    """Works on a case; what it raises becomes its record, so that the others go on."""
 
-    trial: Callable[[Trial], dict[str, Any]]
+    work: Mapping[str, Callable[[Trial], dict[str, Any]]]
 
-    def __call__(self, one: Trial) -> dict[str, Any]:
+    def __call__(self, one: tuple[str, Trial]) -> dict[str, Any]:
+        name, trial = one
         try:
-            return self.trial(one)
+            return self.work[name](trial)
         except Exception as error:  # noqa: BLE001 - it is told, and the case is tried again next time
-            return {"name": one.case.name, "failed": f"{type(error).__name__}: {error}"}
+            return {"name": trial.case.name, "failed": f"{type(error).__name__}: {error}"}
 
 
 def main(arguments: list[str]) -> int:
@@ -117,15 +125,12 @@ def main(arguments: list[str]) -> int:
     asked = _parser().parse_args(arguments)
     try:
         chosen = wanted(asked.seed, asked.only, asked.limit)
-        sizes = asked.results.with_name("sizes.jsonl")
-        if asked.sizes_only:
-            left = [c for c in chosen if c.name not in known_sizes(sizes, chosen)]
-            return int(run_study(left, sizes, asked.seed, asked.workers, _tell, run_sizes, again=True) > 0)
-        failed = 0 if asked.report else run_study(
-            chosen, asked.results, asked.seed, asked.workers, _tell, sizes=sizes
-        )  # fmt: skip
-        records = read(asked.results)
+        work = {name: done for name, done in _WORK.items() if name in _files(asked)}
+        failed = 0 if asked.report else run_study(chosen, asked.results, asked.seed, asked.workers, _tell, work)
+        records = joined(asked.results / _DIAGNOSES, asked.results / _SIZES)
         if not records:
+            if not asked.report:
+                return int(failed > 0)
             raise InputError(f"{asked.results}: no finished cases")
         from benchmarks.planted.report import write_report
 
@@ -136,15 +141,23 @@ def main(arguments: list[str]) -> int:
     return int(failed > 0)
 
 
+def _files(asked: argparse.Namespace) -> tuple[str, ...]:
+    if asked.sizes_only:
+        return (_SIZES,)
+    return (_DIAGNOSES,) if asked.diagnoses_only else (_SIZES, _DIAGNOSES)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="benchmarks.planted", description="planted-effect study")
     parser.add_argument("--seed", type=int, default=1, help="another seed, other cases")
     parser.add_argument("--only", action="append", default=[], metavar="KIND", help=f"{', '.join(KINDS)}, or a case")
     parser.add_argument("--limit", type=int, help="at the most so many of each kind")
     parser.add_argument("--workers", type=int, default=1, help="cases that run side by side")
-    parser.add_argument("--results", type=Path, default=_RESULTS, help="file of finished cases; it is gone on with")
+    parser.add_argument("--results", type=Path, default=_RESULTS, help="folder of finished cases; it is gone on with")
     parser.add_argument("--docs", type=Path, default=_DOCS, help="folder for the report")
-    parser.add_argument("--sizes-only", action="store_true", help="find the sizes of effects, diagnose nothing")
+    alone = parser.add_mutually_exclusive_group()
+    alone.add_argument("--sizes-only", action="store_true", help="find the sizes of effects, diagnose nothing")
+    alone.add_argument("--diagnoses-only", action="store_true", help="diagnose, and find no sizes")
     parser.add_argument("--report", action="store_true", help="write the report of what is finished, and run nothing")
     return parser
 
@@ -152,10 +165,10 @@ def _parser() -> argparse.ArgumentParser:
 def _line(case: Case, record: dict[str, Any]) -> str:
     from benchmarks.planted.score import score
 
-    sizes = record["sizes"]["size"]
-    planted = ", ".join(f"{e} ({sizes[e]:.1f})" if e in sizes else e for e in case.planted) or "nothing"
-    if "diagnosis" not in record:
-        return f"{case.name}: {planted}"
+    planted = ", ".join(case.planted) or "nothing"
+    if "sizes" in record:
+        sizes = ", ".join(f"{e} {size:.1f}" for e, size in record["sizes"]["size"].items()) or planted
+        return f"{case.name}: size of {sizes}"
     found = score(record["truth"], record["diagnosis"])
     named = ", ".join("/".join(g) for g in found.groups) or "nothing"
     return f"{case.name}: {planted} -> {named}, {found.verdict}, {record['seconds']:.0f} s"

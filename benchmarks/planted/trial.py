@@ -1,4 +1,4 @@
-"""One case from its beginning to its end: size, run, diagnosis."""
+"""One case: its sizes, or its run and what a diagnosis says of it; neither knows of the other."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from benchmarks.planted.runs import make_run
-from benchmarks.planted.sizes import Sizes, sizes_of
+from benchmarks.planted.sizes import sizes_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from benchmarks.planted.cases import Case
 
 __all__ = ["MOST", "Trial", "diagnose_run", "run_sizes", "run_trial"]
@@ -28,39 +30,32 @@ class Trial:
     case: Case
     study_seed: int
     revision: str
-    sizes: bool = True  #: whether the sizes of the effects are wanted, too
-    known: Sizes | None = None  #: what they were found to be before
 
 
 def run_trial(trial: Trial) -> dict[str, Any]:
-    """Return the record of a case: truth, sizes, what the diagnosis said, and how long it took."""
+    """Return the record of a diagnosis: truth, what it said, and how long it took."""
     case = trial.case
-    sizes = trial.known or (sizes_of(case, mimics=case.kind == "outside") if trial.sizes else Sizes({}))
     with tempfile.TemporaryDirectory(prefix="planted-") as folder:
         run = make_run(case, Path(folder) / case.name)
         begin = time.monotonic()
         found = diagnose_run(run, case.left_out)
         seconds = time.monotonic() - begin
-    record = {
-        "name": case.name,
-        "study_seed": trial.study_seed,
-        "revision": trial.revision,
-        "truth": case.to_dict(),
-        "sizes": asdict(sizes),
-        "seconds": round(seconds, 2),
-        "diagnosis": _kept(found),
-    }
-    plain: dict[str, Any] = json.loads(json.dumps(_finite(record)))
-    return plain
+    return _plain({**_head(trial), "seconds": round(seconds, 2), "diagnosis": _kept(found)})
 
 
 def run_sizes(trial: Trial) -> dict[str, Any]:
     """Return the record of the sizes of a case."""
-    case = trial.case
-    sizes = sizes_of(case, mimics=case.kind == "outside")
-    record = {"name": case.name, "study_seed": trial.study_seed, "truth": case.to_dict(), "sizes": asdict(sizes)}
-    plain: dict[str, Any] = json.loads(json.dumps(_finite(record)))
-    return plain
+    sizes = sizes_of(trial.case, mimics=trial.case.kind == "outside")
+    return _plain({**_head(trial), "sizes": asdict(sizes)})
+
+
+def _head(trial: Trial) -> dict[str, Any]:
+    return {
+        "name": trial.case.name,
+        "study_seed": trial.study_seed,
+        "revision": trial.revision,
+        "truth": trial.case.to_dict(),
+    }
 
 
 def diagnose_run(run: Path, left_out: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -76,6 +71,11 @@ def _kept(found: dict[str, Any]) -> dict[str, Any]:
     """Return a diagnosis without what no score needs: a file of hundreds is to be kept beside its report."""
     steps = [{k: v for k, v in step.items() if k not in ("candidates", "worst")} for step in found["steps"]]
     return {**found, "steps": steps}
+
+
+def _plain(record: Mapping[str, Any]) -> dict[str, Any]:
+    plain: dict[str, Any] = json.loads(json.dumps(_finite(record)))
+    return plain
 
 
 def _finite(value: Any) -> Any:

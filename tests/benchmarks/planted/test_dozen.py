@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("case", dozen(), ids=lambda c: f"{c.name}-{'-'.join(c.planted) or 'nothing'}")
 def test_what_is_gross_is_named_and_nothing_else(case: Case) -> None:
-    record = run_trial(Trial(case, 0, "", sizes=False))
+    record = run_trial(Trial(case, 0, ""))
     found = score(record["truth"], record["diagnosis"])
     assert found.all_named, f"named {found.groups}"
     assert found.false == 0, f"named {found.groups}"

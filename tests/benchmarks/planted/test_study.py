@@ -9,27 +9,40 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from benchmarks.planted.report import write_report
-from benchmarks.planted.results import append, finished, read
+from benchmarks.planted.results import append, finished, joined, read
 from benchmarks.planted.study import main, run_study, wanted
-from benchmarks.planted.trial import Trial
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
+    from benchmarks.planted.cases import Case
+    from benchmarks.planted.trial import Trial
 
-def record(trial: Trial) -> dict[str, Any]:
+
+def sizes_of(case: Case) -> dict[str, float]:
+    return {e: 2.0 + 8.0 * ((case.number + i) % 3) for i, e in enumerate(case.planted)}
+
+
+def head(trial: Trial) -> dict[str, Any]:
+    truth = json.loads(json.dumps(trial.case.to_dict()))
+    return {"name": trial.case.name, "study_seed": trial.study_seed, "revision": "abc", "truth": truth}
+
+
+def measured(trial: Trial) -> dict[str, Any]:
+    """Return the record of the sizes of a case."""
+    beyond = 7.0 if trial.case.left_out else None
+    return {**head(trial), "sizes": {"size": sizes_of(trial.case), "mimic": None, "beyond_mimic": beyond}}
+
+
+def diagnosed(trial: Trial) -> dict[str, Any]:
     """Return the record of a diagnosis that names what is planted from size 5 on, and is silent else."""
     case = trial.case
-    sizes = {e: 2.0 + 8.0 * ((case.number + i) % 3) for i, e in enumerate(case.planted)}
-    named = [e for e in case.planted if sizes[e] >= 5.0 and not case.left_out]
+    named = [e for e, size in sizes_of(case).items() if size >= 5.0 and not case.left_out]
     errors = [30.0 / (1 + i) ** 3 for i in range(len(named))] + [1.0]
     return {
-        "name": case.name,
-        "study_seed": trial.study_seed,
-        "revision": "abc",
-        "truth": case.to_dict(),
-        "sizes": {"size": sizes, "mimic": None, "beyond_mimic": 7.0 if case.left_out else None},
+        **head(trial),
         "seconds": 12.0,
         "diagnosis": {
             "verdict": "unexplained" if case.left_out else "explained" if named else "nothing_missing",
@@ -43,98 +56,98 @@ def record(trial: Trial) -> dict[str, Any]:
     }
 
 
+WORK = {"sizes.jsonl": measured, "cases.jsonl": diagnosed}
+
+
 def tell_nobody(line: str) -> None:
     del line
 
 
-def test_finished_cases_are_not_run_again(tmp_path: Path) -> None:
-    results = tmp_path / "build" / "results.jsonl"
+def names_in(path: Path) -> set[str]:
+    return {r["name"] for r in read(path)}
+
+
+def test_what_is_finished_is_not_run_again(tmp_path: Path) -> None:
     chosen = wanted(1, limit=2)
-    asked: list[str] = []
+    asked: list[tuple[str, str]] = []
 
-    def trial(one: Trial) -> dict[str, Any]:
-        asked.append(one.case.name)
-        return record(one)
+    def noted(name: str) -> Callable[[Trial], dict[str, Any]]:
+        def work(one: Trial) -> dict[str, Any]:
+            asked.append((one.case.name, name))
+            return WORK[name](one)
 
-    run_study(chosen[:3], results, 1, tell=tell_nobody, trial=trial)
-    run_study(chosen, results, 1, tell=tell_nobody, trial=trial)
-    assert sorted(asked) == sorted(c.name for c in chosen)
-    assert finished(results, 1) == {c.name for c in chosen}
+        return work
 
-
-def test_sizes_are_found_once(tmp_path: Path) -> None:
-    """A later study knows them, but for cases that are no longer what they were."""
-    sizes = tmp_path / "sizes.jsonl"
-    chosen = wanted(1, only=["single"], limit=2)
-    run_study(chosen, tmp_path / "first.jsonl", 1, tell=tell_nobody, trial=record, sizes=sizes)
-    known: dict[str, Any] = {}
-
-    def trial(one: Trial) -> dict[str, Any]:
-        known[one.case.name] = one.known
-        return record(one)
-
-    run_study(chosen, tmp_path / "second.jsonl", 1, tell=tell_nobody, trial=trial, sizes=sizes)
-    assert {name: one.size for name, one in known.items()} == {
-        c.name: record(Trial(c, 1, ""))["sizes"]["size"] for c in chosen
+    work = {name: noted(name) for name in WORK}
+    run_study(chosen[:3], tmp_path / "build", 1, tell=tell_nobody, work=work)
+    run_study(chosen, tmp_path / "build", 1, tell=tell_nobody, work=work)
+    assert sorted(asked) == sorted((c.name, name) for c in chosen for name in WORK)
+    assert {r["name"] for r in joined(tmp_path / "build" / "cases.jsonl", tmp_path / "build" / "sizes.jsonl")} == {
+        c.name for c in chosen
     }
-    assert len(read(sizes)) == len(sizes.read_text().splitlines()) == 2
-    changed = [replace(chosen[0], dt_s=2e-5), chosen[1]]
-    run_study(changed, tmp_path / "third.jsonl", 1, tell=tell_nobody, trial=trial, sizes=sizes)
-    assert known[chosen[0].name] is None
-    assert known[chosen[1].name] is not None
+    changed = [replace(chosen[0], dt_s=2e-5), *chosen[1:]]
+    asked.clear()
+    run_study(changed, tmp_path / "build", 1, tell=tell_nobody, work=work)
+    assert sorted(asked) == sorted((chosen[0].name, name) for name in WORK)
 
 
-def test_sizes_alone_are_found_again_where_a_case_has_changed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[str] = []
+def test_sizes_and_diagnoses_are_made_apart(tmp_path: Path) -> None:
+    chosen = wanted(1, only=["single"], limit=3)
+    diagnoses, sizes = tmp_path / "cases.jsonl", tmp_path / "sizes.jsonl"
+    run_study(chosen, tmp_path, 1, tell=tell_nobody, work={"cases.jsonl": diagnosed})
+    assert not sizes.exists()
+    assert joined(diagnoses, sizes) == []
+    run_study(chosen[:2], tmp_path, 1, tell=tell_nobody, work={"sizes.jsonl": measured})
+    assert [r["name"] for r in joined(diagnoses, sizes)] == [c.name for c in chosen[:2]]
+    assert joined(diagnoses, sizes)[0]["sizes"]["size"] == sizes_of(chosen[0])
+    # Sizes of a case that is no longer what it was are not those of its diagnosis.
+    changed = replace(chosen[0], dt_s=2e-5)
+    run_study([changed], tmp_path, 1, tell=tell_nobody, work={"cases.jsonl": diagnosed})
+    assert [r["name"] for r in joined(diagnoses, sizes)] == [chosen[1].name]
 
-    def sizes(one: Trial) -> dict[str, Any]:
-        asked.append(one.case.name)
-        found = record(one)
-        return {key: found[key] for key in ("name", "study_seed", "truth", "sizes")}
 
-    monkeypatch.setattr("benchmarks.planted.study.run_sizes", sizes)
-    arguments = ["--sizes-only", "--only", "single-000", "--results", str(tmp_path / "results.jsonl")]
-    for seed in ("1", "1", "2", "1"):
-        assert main([*arguments, "--seed", seed]) == 0
-    assert asked == ["single-000"] * 3  # of the second seed it is another case, in the same file
+def test_the_options_choose_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.planted.study._WORK", WORK)
+    arguments = ["--only", "single-000", "--results", str(tmp_path), "--docs", str(tmp_path / "docs")]
+    assert main([*arguments, "--sizes-only"]) == 0
+    assert [p.name for p in tmp_path.iterdir()] == ["sizes.jsonl"]
+    assert main([*arguments, "--diagnoses-only"]) == 0
+    assert names_in(tmp_path / "cases.jsonl") == {"single-000"}
+    assert (tmp_path / "docs" / "planted-study.md").exists()
 
 
 def test_a_torn_line_is_ignored_and_its_case_run_again(tmp_path: Path) -> None:
-    results = tmp_path / "results.jsonl"
+    results = tmp_path / "cases.jsonl"
     chosen = wanted(1, limit=1)
-    run_study(chosen[:2], results, 1, tell=tell_nobody, trial=record)
+    run_study(chosen[:2], tmp_path, 1, tell=tell_nobody, work=WORK)
     whole = results.read_bytes()
     results.write_bytes(whole[: len(whole) - 40])
-    assert finished(results, 1) == {chosen[0].name}
-    run_study(chosen[:2], results, 1, tell=tell_nobody, trial=record)
-    assert finished(results, 1) == {c.name for c in chosen[:2]}
+    assert finished(results, 1, chosen) == {chosen[0].name}
+    run_study(chosen[:2], tmp_path, 1, tell=tell_nobody, work=WORK)
+    assert finished(results, 1, chosen) == {c.name for c in chosen[:2]}
     assert results.read_bytes().count(b"\n") == 3  # the torn line stays, by itself
 
 
 def test_a_case_that_fails_does_not_end_the_study_and_is_tried_again(tmp_path: Path) -> None:
-    results = tmp_path / "results.jsonl"
     chosen = wanted(1, limit=1)
     told: list[str] = []
 
     def fails(one: Trial) -> dict[str, Any]:
         if one.case.name == chosen[1].name:
             raise ValueError("no such luck")
-        return record(one)
+        return diagnosed(one)
 
-    assert run_study(chosen, results, 1, tell=told.append, trial=fails) == 1
+    assert run_study(chosen, tmp_path, 1, tell=told.append, work={"cases.jsonl": fails}) == 1
     assert any(f"{chosen[1].name}: failed: ValueError: no such luck" in line for line in told)
-    assert finished(results, 1) == {c.name for c in chosen} - {chosen[1].name}
-    assert run_study(chosen, results, 1, tell=tell_nobody, trial=record) == 0
-    assert finished(results, 1) == {c.name for c in chosen}
+    assert names_in(tmp_path / "cases.jsonl") == {c.name for c in chosen} - {chosen[1].name}
+    assert run_study(chosen, tmp_path, 1, tell=tell_nobody, work=WORK) == 0
+    assert names_in(tmp_path / "cases.jsonl") == {c.name for c in chosen}
 
 
 def test_results_of_another_seed_are_not_mixed_in(tmp_path: Path) -> None:
-    results = tmp_path / "results.jsonl"
-    run_study(wanted(1, limit=1)[:1], results, 1, tell=tell_nobody, trial=record)
+    run_study(wanted(1, limit=1)[:1], tmp_path, 1, tell=tell_nobody, work=WORK)
     with pytest.raises(InputError, match="holds cases of seed 1, not 2"):
-        run_study(wanted(2, limit=1), results, 2, tell=tell_nobody, trial=record)
+        run_study(wanted(2, limit=1), tmp_path, 2, tell=tell_nobody, work=WORK)
 
 
 def test_the_last_line_of_a_case_counts(tmp_path: Path) -> None:
@@ -155,9 +168,9 @@ def test_kinds_come_in_turn_so_that_a_stopped_study_has_some_of_each() -> None:
 
 
 def test_the_page_and_the_numbers_are_written_of_what_is_finished(tmp_path: Path) -> None:
-    results = tmp_path / "results.jsonl"
-    run_study(wanted(1, limit=22), results, 1, tell=tell_nobody, trial=record)
-    page = write_report(read(results), tmp_path / "docs").read_text()
+    run_study(wanted(1, limit=22), tmp_path, 1, tell=tell_nobody, work=WORK)
+    records = joined(tmp_path / "cases.jsonl", tmp_path / "sizes.jsonl")
+    page = write_report(records, tmp_path / "docs").read_text()
     assert "seed 1 and revision abc" in page
     assert (
         "| one effect of size 5 or more is named first, alone or in its tied group | 95 % or more | 14 of 14" in page
@@ -172,5 +185,5 @@ def test_the_page_and_the_numbers_are_written_of_what_is_finished(tmp_path: Path
 
 
 def test_a_report_of_nothing_is_an_error_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--report", "--results", str(tmp_path / "none.jsonl"), "--docs", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f"error: {tmp_path / 'none.jsonl'}: no finished cases\n"
+    assert main(["--report", "--results", str(tmp_path / "none"), "--docs", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"error: {tmp_path / 'none'}: no finished cases\n"
