@@ -129,13 +129,12 @@ def best_of(
     wrong: float,
 ) -> Sequence[float]:  # fmt: skip
     """Return those of some coordinates from which the run is nearest, if what is expected may be so wrong there."""
-    if len(starts) == 1:
+    places = [np.array(x, dtype=np.float64) for x in starts]
+    if len(places) == 1:
         return starts[0]
-    losses = []
-    for x in starts:
-        at = np.array(x, dtype=np.float64)
-        losses.append(_Way(problem, model, tuple(slots), at, seed, Cloud(), wrong).look([at]).loss)
-        _LOG.debug("a start, loss %.5g, at %s", losses[-1], shown(slots, at))
+    way = _Way(problem, model, tuple(slots), places[0], seed, Cloud())
+    losses = [way.loss_at(e, x, wrong) for e, x in zip(way.expected(places), places, strict=True)]
+    _LOG.debug("starts, losses %s", " ".join(f"{loss:.4g}" for loss in losses))
     return starts[int(np.argmin(losses))]
 
 
@@ -163,16 +162,15 @@ class _Way:
     """From place to place, each time to the best of some that straight lines lead to."""
 
     def __init__(
-        self, problem: Problem, model: PixelModel, slots: tuple[Slot, ...], start: Floats, seed: int, known: Cloud,
-        wrong: float = 0.0,
-    ) -> None:  # fmt: skip
+        self, problem: Problem, model: PixelModel, slots: tuple[Slot, ...], start: Floats, seed: int, known: Cloud
+    ) -> None:
         self._problem, self._model, self._slots, self._start, self._seed = problem, model, slots, start, seed
         self._precision = prior_precision(slots)
         self._offset = np.array([s.free.owner == ALIGNMENT for s in slots])
         self._delays = np.array([delays(s.free) for s in slots])
         self._rng = np.random.default_rng(seed)
         self.cloud = Cloud(known.places)
-        self._wrong = wrong
+        self._wrong = 0.0
         self._at: Floats | None = None
 
     def set_out(self, at: Floats, reach: float, wrong: float) -> None:
@@ -190,10 +188,13 @@ class _Way:
     def look(self, places: Sequence[Floats]) -> Place:
         """Look at some places, and return the best of them."""
         at = [inside(self._slots, place) for place in places]
-        found = expect_roughly(self._problem, self._model, self._slots, at, self._seed)
-        seen = [Place(x, e, self._loss(e, x)) for x, e in zip(at, found, strict=True)]
+        seen = [Place(x, e, self.loss_at(e, x)) for x, e in zip(at, self.expected(at), strict=True)]
         self.cloud.places += seen
         return min(seen, key=lambda place: place.loss)
+
+    def expected(self, places: Sequence[Floats]) -> list[Expectation]:
+        """Return what is expected at some places, which are not remembered."""
+        return expect_roughly(self._problem, self._model, self._slots, places, self._seed)
 
     @property
     def _here(self) -> Place:
@@ -204,7 +205,7 @@ class _Way:
     def loss(self) -> float:
         """The loss at the best place so far, if the model is right."""
         here = self._here
-        return self._loss(here.expected, here.at, 0.0)
+        return self.loss_at(here.expected, here.at, 0.0)
 
     def step(self) -> bool:
         """Take a step; return whether the way has come to its end."""
@@ -290,12 +291,13 @@ class _Way:
 
     def _judge(self) -> None:
         """Work out all losses again."""
-        self.cloud.places = [Place(p.at, p.expected, self._loss(p.expected, p.at)) for p in self.cloud.places]
+        self.cloud.places = [Place(p.at, p.expected, self.loss_at(p.expected, p.at)) for p in self.cloud.places]
 
     def _deviation(self, e: Expectation, wrong: float | None = None) -> Floats:
         wrong = self._wrong if wrong is None else wrong
         return np.hypot(e.deviation, e.tolerance(self._problem.measured, wrong)) if wrong else e.deviation
 
-    def _loss(self, e: Expectation, at: Floats, wrong: float | None = None) -> float:
+    def loss_at(self, e: Expectation, at: Floats, wrong: float | None = None) -> float:
+        """Return the loss where something is expected, which may be so wrong."""
         residual = (self._problem.measured.value - e.value) / self._deviation(e, wrong)
         return robust.loss(residual) + float(np.sum(self._precision * (at - self._start) ** 2))

@@ -28,10 +28,11 @@ __all__ = ["closest", "nearer", "separation", "stand_in"]
 #: Effort of a simulation of two models, and how many there are.
 _EFFORT: Final = 1.0
 _TIMES: Final = 4
-#: No residual of the sum of two counts for more standard errors.
+#: No residual of the sum of two, and no statistic of a difference, counts for more standard errors.
 _MOST: Final = 10.0
 #: Sizes at which an effect may come closest to another, beside that of the catalogue, with little effort; then steps
-#: to the size that a straight line from no effect lets expect, none of which changes it by more than a factor.
+#: to the size that a straight line from no effect lets expect, none of which changes it by more than a factor, until
+#: one changes it by a small share; both models are simulated twice for each.
 _SIZES: Final = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 _ROUGH: Final = 0.2
 _STEPS: Final = 3
@@ -39,7 +40,7 @@ _STEP_EFFORT: Final = 0.5
 _TWICE: Final = 2
 _FACTOR: Final = 3.0
 _THERE: Final = 0.1
-#: What is further apart with little effort is so with more.
+#: What is further apart with little effort is so with more; by how much does not matter.
 _CLEAR: Final = 30.0
 #: At the end the size may still change by this share.
 _LAST_SHARE: Final = 0.5
@@ -73,19 +74,17 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
 
 
 def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> float:
-    """Return the same for the best that another effect can do in place of the first one.
+    """Return the same for the best that another effect can do in place of the first one; no more than 30.
 
     The other numbers stay, as far as they could not take up the difference. A fit of the other effect that has not
     come to its minimum looks different where the effect is not.
     """
     place = _Place(problem, one, other)
-    size, look = place.size(seed)
-    rough = _clipped(look)
-    if product(rough, rough) > _CLEAR**2:
-        return math.sqrt(product(rough, rough))
-    null, here = place.apart((0.0, size), seed, _EFFORT, _TIMES)
-    share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
-    return _length(here + share * (here - null))
+    size, rough = place.size(seed)
+    if rough is not None and product(_clipped(rough), _clipped(rough)) > _CLEAR**2:
+        return _CLEAR
+    null, here = place.apart((0.0, size), seed + 1, _EFFORT, _TIMES)
+    return min(_length(here + _last_share(null, here) * (here - null)), _CLEAR)
 
 
 def stand_in(problem: Problem, one: Found, other: type[Effect], seed: int) -> PixelModel:
@@ -115,8 +114,11 @@ class _Place:
         others = [self.models(size) for size in sizes]
         return _apart(self._problem, self._one, self._basis, others, seed, effort, times)
 
-    def size(self, seed: int) -> tuple[float, Floats]:
-        """Return the size at which the other effect comes closest, and a look at about that one: (times, n)."""
+    def size(self, seed: int) -> tuple[float, Floats | None]:
+        """Return the size at which the other effect comes closest, and (times, n) how the models differ about there.
+
+        None where straight lines lead too far to tell.
+        """
         signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(self._other)) else (1.0,)
         tried = [sign * f for f in _SIZES for sign in signs]
         looks = self.apart(tried, seed, _ROUGH, _TWICE)
@@ -127,7 +129,7 @@ class _Place:
             size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
             if abs(share) < _THERE:
                 break
-        return size, here
+        return size, here + share * (here - null) if abs(share) < _THERE else None
 
 
 def _share(null: Floats, here: Floats) -> float:
@@ -135,6 +137,10 @@ def _share(null: Floats, here: Floats) -> float:
     along = here - null
     length = product(along, along)
     return -product(here, along) / length if length > 0.0 else 0.0
+
+
+def _last_share(null: Floats, here: Floats) -> float:
+    return float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
 
 
 def _apart(

@@ -33,7 +33,6 @@ __all__ = [
     "WELL_SEEN",
     "Probe",
     "Probed",
-    "chance_of",
     "closer",
     "probes_at",
     "reliable",
@@ -120,17 +119,17 @@ def seen_of(a: Floats, b: Floats) -> float:
 
     What could be chance of the simulation is not seen.
     """
-    return math.sqrt(max(float(np.sum(np.clip(a * b, -(_MOST**2), _MOST**2))), chance_of(a, b)))
+    return math.sqrt(max(float(np.sum(np.clip(a * b, -(_MOST**2), _MOST**2))), _chance_of(a, b)))
 
 
-def chance_of(a: Floats, b: Floats) -> float:
+def _chance_of(a: Floats, b: Floats) -> float:
     """Return the standard error of the product of what two sensors show, from how the two differ."""
     return float(np.sum((a - b) ** 2)) / (2.0 * math.sqrt(len(a)))
 
 
 def stands_out(a: Floats, b: Floats) -> bool:
     """Return whether two sensors agree about an effect by more than chance."""
-    return float(a @ b) > _CLEARLY * chance_of(a, b)
+    return float(a @ b) > _CLEARLY * _chance_of(a, b)
 
 
 def sizes_for(

@@ -226,7 +226,7 @@ class Problem:
         own = Guess(model.theta_on, model.theta_off, model.noise_rms, model.corner_hz)
         seen = [guesses(self, s, own) if by_eye else [own] for s in range(self.settings)]
         most = max(len(found) for found in seen)
-        return [self._start(model, [found[min(k, len(found) - 1)] for found in seen]) for k in range(most)]
+        return [self._start(model, [found[k if k < len(found) else 0] for found in seen]) for k in range(most)]
 
     def _start(self, model: PixelModel, guessed: Sequence[Guess]) -> list[float]:
         found = []

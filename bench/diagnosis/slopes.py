@@ -33,7 +33,7 @@ class Sample:
     at: Floats  #: (k,)
     halves: Floats  #: (2, n)
     recordings: float
-    pair: int = -1  #: samples of a pair lie to both sides of a place, in the same random numbers
+    pair: int = -1  #: samples of a pair lie to both sides of a place, in the same random numbers; -1: of none
 
 
 def sample_of(problem: Problem, at: Floats, sensors: Sequence[Sensor], pair: int = -1) -> Sample:

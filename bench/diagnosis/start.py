@@ -24,9 +24,10 @@ _TWO: Final = 2
 _EARLY: Final = 2.3
 _NOISE: Final = (0.015, 0.12)
 _CORNER_HZ: Final = (5.0, 5e3)
-#: Shares of a threshold that it may be of what latencies show, and shares of the contrast at which responses rise.
+#: Shares of a threshold that it may be of what latencies show, and of the contrast at which responses rise: noise
+#: answers before the larger one.
 _OF_SHOWN: Final = (1.0, 0.7, 0.5)
-_OF_RISE: Final = ((1.0, 1.0), (1.0, 0.75), (0.75, 1.0))
+_OF_RISE: Final = ((1.2, 1.2), (1.2, 0.9), (0.9, 1.2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +73,20 @@ def guesses(problem: Problem, setting: int, otherwise: Guess) -> list[Guess]:
     either = float(np.mean([theta for theta, _ in known.values()]))
     on, off = (known[part][0] if part in known else either for part in ("on", "off"))
     pairs = [(a * on, b * off) for a, b in product(_OF_SHOWN, repeat=2)]
-    # A square wave shows one rise in both curves, at the less sensitive threshold: noise answers before it.
     rises = [v for part in known if (v := curves[part].crossing(0.5)) is not None]  # type: ignore[union-attr]
-    rms = otherwise.noise_rms
-    if rises:
-        rms = float(np.clip((max(theta for theta, _ in known.values()) - max(rises)) / _EARLY, *_NOISE))
-        pairs += [(a * max(rises), b * max(rises)) for a, b in _OF_RISE]
+    rise = max(rises, default=None)
+    if rise is not None:
+        pairs += [(a * rise, b * rise) for a, b in _OF_RISE]
     corner_hz = float(np.clip(1.0 / (2.0 * math.pi * tau), *_CORNER_HZ))
-    return [Guess(theta_on=a, theta_off=b, noise_rms=rms, corner_hz=corner_hz) for a, b in pairs]
+    return [Guess(a, b, _noise(max(a, b), rise, otherwise), corner_hz) for a, b in pairs]
+
+
+def _noise(theta: float, rise: float | None, otherwise: Guess) -> float:
+    """Return the rms that lets half of the steps be answered at a contrast below the less sensitive threshold.
+
+    A square wave shows one rise in both curves, at that threshold: noise answers before it.
+    """
+    return otherwise.noise_rms if rise is None else float(np.clip((theta - rise) / _EARLY, *_NOISE))
 
 
 def _from_latencies(curve: _Curve) -> tuple[float, float] | None:

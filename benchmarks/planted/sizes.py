@@ -1,4 +1,4 @@
-"""How large a planted effect is, before anything is diagnosed: the root of the expected fall of the deviance.
+"""How large a planted effect is, whatever a diagnosis says: the root of the expected fall of the deviance.
 
 The expectation of the truth with the effect stands for the measurement, and that of the truth without it for the
 model; the numbers of the base pixel and of other effects take up what they can, along the changes that they make.
@@ -71,7 +71,7 @@ _QUARTER: Final = Roi(ROI.x, ROI.y, ROI.width // 2, ROI.height // 2)
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """What is known of a case before its diagnosis."""
+    """What is known of a case without a diagnosis."""
 
     size: dict[str, float]  #: of each planted effect, beside the others: standard errors
     mimic: str | None = None  #: effect of the catalogue that comes nearest, and

@@ -22,7 +22,7 @@ def _trials(length: float) -> list[np.ndarray]:
 @pytest.mark.parametrize("length", [0.0, 3.0, 10.0])
 def test_the_product_has_no_chance_in_its_mean(length: float) -> None:
     found = np.array([product(t, t) for t in _trials(length)])
-    # Pairs of four simulations: each product varies by n + 2 length^2 / (times / 2), from independent normal numbers.
+    # Of six pairs of four simulations: n for the chance in each product, and 4 length^2 for that along the change.
     variance = 2.0 * _STATISTICS / (_TIMES * (_TIMES - 1)) + 4.0 * length**2 / _TIMES
     assert abs(found.mean() - length**2) < 4.0 * math.sqrt(variance / _TRIALS)
     assert found.var() == pytest.approx(variance, rel=4.0 * math.sqrt(2.0 / _TRIALS))
