@@ -36,7 +36,6 @@ _MOST: Final = 10.0
 _SIZES: Final = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 _ROUGH: Final = 0.2
 _STEPS: Final = 3
-_STEP_EFFORT: Final = 0.5
 _TWICE: Final = 2
 _FACTOR: Final = 3.0
 _THERE: Final = 0.1
@@ -115,21 +114,21 @@ class _Place:
         return _apart(self._problem, self._one, self._basis, others, seed, effort, times)
 
     def size(self, seed: int) -> tuple[float, Floats | None]:
-        """Return the size at which the other effect comes closest, and (times, n) how the models differ about there.
+        """Return the size at which the other effect comes closest, and (times, n) how the models differ there.
 
-        None where straight lines lead too far to tell.
+        It follows from no effect and one at about that size; None where that size is farther away.
         """
         signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(self._other)) else (1.0,)
         tried = [sign * f for f in _SIZES for sign in signs]
         looks = self.apart(tried, seed, _ROUGH, _TWICE)
         size = tried[int(np.argmin([product(look, look) for look in looks]))]
         for _ in range(_STEPS):
-            null, here = self.apart((0.0, size), seed, _STEP_EFFORT, _TWICE)
+            null, here = self.apart((0.0, size), seed, _ROUGH, _TWICE)
             share = _share(null, here)
             size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
             if abs(share) < _THERE:
                 break
-        return size, here + share * (here - null) if abs(share) < _THERE else None
+        return size, here + share * (here - null) if -1.0 <= share < _THERE else None
 
 
 def _share(null: Floats, here: Floats) -> float:
