@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.catalogue import candidates, free_of, probe_of, switches
+from bench.diagnosis.forward import engine_of
 from bench.diagnosis.parameters import base_parameters, get, move, put
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.residuals import expectation, measured
@@ -26,7 +27,6 @@ from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import on_sensor, recording_seed, simulate_point
 from benchmarks.planted.runs import ROI, SENSOR, planned_points
 from protocols.points import Roi
-from sim_backend.pixel import FastEngine
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,8 +81,8 @@ class Sizes:
 class _Bench:
     """The points of a case, and what simulated sensors of models show there.
 
-    What only the reference engine knows is simulated in a quarter of the pixels, and sizes are made twice as large:
-    they go with the root of the number of pixels.
+    What takes long is simulated in a quarter of the pixels, and sizes are made twice as large: they go with the root
+    of the number of pixels.
     """
 
     def __init__(self, case: Case) -> None:
@@ -92,7 +92,7 @@ class _Bench:
             self.points = [replace(p, roi=_QUARTER) for p in self.points]
         self.scale = 2.0 if slow else 1.0
         self._seed = case.seed
-        self._engine = FastEngine(_STEP_S, threads=1)
+        self._engine = engine_of(_STEP_S)
 
     def see(self, model: PixelModel, of_set: int, sensors: int, late_us: int = 0) -> list[list[Summary]]:
         """Return what each point shows, for each sensor of a set, when all events come somewhat late."""
