@@ -83,7 +83,8 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
     if rough is not None and product(_clipped(rough), _clipped(rough)) > _CLEAR**2:
         return _CLEAR
     null, here = place.apart((0.0, size), seed + 1, _EFFORT, _TIMES)
-    return min(_length(here + _last_share(null, here) * (here - null)), _CLEAR)
+    share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
+    return min(_length(here + share * (here - null)), _CLEAR)
 
 
 def stand_in(problem: Problem, one: Found, other: type[Effect], seed: int) -> PixelModel:
@@ -136,10 +137,6 @@ def _share(null: Floats, here: Floats) -> float:
     along = here - null
     length = product(along, along)
     return -product(here, along) / length if length > 0.0 else 0.0
-
-
-def _last_share(null: Floats, here: Floats) -> float:
-    return float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
 
 
 def _apart(

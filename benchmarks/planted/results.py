@@ -57,7 +57,7 @@ def finished(path: Path, seed: int, cases: Sequence[Case] | None = None) -> set[
     records = read(path)
     others = {r["study_seed"] for r in records} - {seed}
     if others:
-        raise InputError(f"{path}: holds cases of seed {min(others)}, not {seed}; name another folder with --results")
+        raise InputError(f"{path}: holds cases of seed {min(others)}, not {seed}; name another place with --results")
     if cases is None:
         return {r["name"] for r in records}
     truths = {case.name: json.loads(json.dumps(case.to_dict())) for case in cases}
