@@ -23,7 +23,6 @@ from bench.diagnosis.judging import (
     deviance_per_dof,
     excess,
     freedom,
-    leaves_less,
     step_of,
 )
 from bench.diagnosis.likeness import nearer
@@ -397,7 +396,8 @@ class Diagnosis:
         refitted = self._refitted(state, shortlist, most)
         found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
         if not far_off:  # what the screen promises of a small effect may be chance, in the changes it expects
-            found = [f for f in found if leaves_less(self.problem, f.fit, state.fit)]
+            before = Found(state.added or "", state.fit, deviance(self.problem, state.fit))
+            found = [f for f in found if nearer(self.problem, f, before, self._seed + 51) < 0.0]
         if not found or (far_off and self._share(state, found[0]) < worth):
             return
         found = self._with_the_nearest_first(found)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -18,11 +18,11 @@ import numpy as np
 from bench.diagnosis.approach import approach, best_of
 from bench.diagnosis.catalogue import cost_of
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
-from bench.diagnosis.fitted import Fit, prior_precision
+from bench.diagnosis.fitted import Fit
 from bench.diagnosis.looks import loss_of, shifted
-from bench.diagnosis.parameters import ALIGNMENT
 from bench.diagnosis.slopes import sample_of, samples_around, slopes
-from bench.diagnosis.steps import inside, longest_of, shown, step_from
+from bench.diagnosis.steps import inside, shown, step_from
+from bench.diagnosis.ways import directions, well_seen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.diagnosis.approach import Approach
+    from bench.diagnosis.forward import Sensor
     from bench.diagnosis.problem import Problem, Slot
     from bench.diagnosis.residuals import Expectation
     from sim_backend.pixel.model import PixelModel
@@ -42,24 +43,21 @@ _LOG = logging.getLogger(__name__)
 
 #: Relative error that what is expected may have at the start of a fit.
 _ANYWHERE: Final = 0.3
-#: Effort of one expectation at the solution, and how often it is looked for there. A model that takes longer than the
-#: base pixel gets more effort, by the root of its cost, unless it is far off: what few pixels let expect tells little
-#: apart.
+#: Effort of one expectation at the solution, and how often it is looked for there, at the least and at the most: what
+#: is expected is known from all of them. A model that takes longer than the base pixel gets more effort, by the root
+#: of its cost, unless it is far off: what few pixels let expect tells little apart.
 _FINE: Final = 3.0
+_VISITS: Final = 4
 _POLISHINGS: Final = 6
 #: A fit ends when a step would lower the loss by less than this.
 _SMALL: Final = 1.0
 #: After a step that makes the loss larger the next is shorter.
 _SHORTER: Final = 0.3
-#: Effort of one end of a difference, near the minimum and where the model is far off. They are so far apart that all
-#: statistics together move by so many standard errors, to either side, if that is no more than a share of the longest
-#: step: chance is small beside that, and lines are straight. With an effort of 0.4 steps to the minimum were so much
-#: too short that most numbers ended outside their 90 % intervals.
+#: Effort of one end of a difference, near the minimum and where the model is far off. With an effort of 0.4 steps to
+#: the minimum were so much too short that most numbers ended outside their 90 % intervals.
 _SHARP: Final = 1.0
 _BLUNT: Final = 0.15
-_MOVED: Final = 60.0
-_FARTHEST: Final = 0.3
-#: A loss is known to about this: where no more was promised, and it did not fall, the fit is there.
+#: A loss is known to about this: where it is larger by more after a step, the fit stays where it was.
 _DOUBTFUL: Final = 15.0
 #: The longest last step, beside the longest of all.
 _LAST: Final = 0.1
@@ -79,59 +77,80 @@ def fit(
 
 def finish(problem: Problem, near: Approach) -> Fit:
     """Go to the minimum with more effort, and return the fit there."""
-    model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
-    # A model that is far off is not worth the effort.
-    close = near.loss < _HOPELESS * len(problem.measured.labels)
-    ways = _directions(near)
-    more = math.sqrt(cost_of(model)) if close else 1.0
-    samples = samples_around(problem, model, slots, at, seed + 1, ways, more * _SHARP if close else _BLUNT)
-    fine = more * _FINE
-    simulated = problem.simulate([problem.models(model, slots, at)], seed, fine)[0]
-    samples.append(sample_of(problem, at, simulated))
-    here = shifted(problem, problem.expect(simulated), slots, at)
-    jacobian = slopes(problem, slots, at, here, samples, ways)
-    close = close and loss_of(problem, here, slots, at, start) < _HOPELESS * len(here.value)
-    visited = [(at, here)]
-    seen = [simulated]
-    radius = 1.0
-    for k in range(_POLISHINGS if close else 0):
-        delta, gain = step_from(problem, here, jacobian, slots, at, start, radius)
-        # Chance of the simulation alone promises about half a unit for each coordinate.
-        if gain < _SMALL + 0.5 * len(slots):
-            break
-        to = at + delta
-        again = problem.simulate([problem.models(model, slots, to)], seed + 10 * (k + 1), fine)[0]
-        samples.append(sample_of(problem, to, again))
-        there = shifted(problem, problem.expect(again), slots, to)
-        before, after = loss_of(problem, here, slots, at, start), loss_of(problem, there, slots, to, start)
-        _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", before, after, gain, shown(slots, to))
-        visited.append((to, there))
-        seen.append(again)
-        if after < before:
-            at, here, simulated = to, there, again
-        elif gain < _DOUBTFUL:
-            break
-        else:
-            radius *= _SHORTER
-        jacobian = slopes(problem, slots, at, here, samples, ways)
-    here = pooled(problem, visited, jacobian, slots, at, start)
-    last, value = _last_step(problem, here, jacobian, slots, at, start, _LAST if close else _SHORTEST)
-    models = problem.models(model, slots, last)
+    model, slots, start = near.model, near.slots, near.start
+    there = _minimum(problem, near)
+    here, jacobian = there.expected, there.jacobian
+    x, value = _last_step(problem, here, jacobian, slots, there.at, start, _LAST if there.close else _SHORTEST)
+    models = problem.models(model, slots, x)
     found = Fit(
-        model=problem.of_settings(model, slots, last)[0],
+        model=problem.of_settings(model, slots, x)[0],
         slots=slots,
-        x=last,
+        x=x,
         start=start,
         value=value,
         ratio=here.ratio,
         roots=here.roots,
         deviation=here.deviation,
         jacobian=jacobian,
-        scale=scale_of(problem, simulated),
+        scale=float(np.mean([scale_of(problem, sensors) for sensors in there.seen])),
         residual=problem.measured.value - value,
         common=(1.0 + problem.alike(models) / here.recordings) / here.more,
     )
-    return replace(found, frozen=frozen_of(problem, found, models, seen))
+    return replace(found, frozen=frozen_of(problem, found, models, there.seen))
+
+
+@dataclass(frozen=True)
+class _Minimum:
+    """A place from which no step promises much."""
+
+    at: Floats  #: (k,) coordinates
+    expected: Expectation
+    jacobian: Floats  #: (2, n, k)
+    seen: tuple[Sequence[Sensor], ...]  #: what was simulated there, and on the way
+    close: bool  #: the model is not far off
+
+
+def _minimum(problem: Problem, near: Approach) -> _Minimum:
+    """Go from place to place; what is expected is known from all that are close by, the better the more there are."""
+    model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
+    # A model that is far off is not worth the effort.
+    close = near.loss < _HOPELESS * len(problem.measured.labels)
+    more = math.sqrt(cost_of(model)) if close else 1.0
+
+    def look(x: Floats, number: int) -> tuple[Sequence[Sensor], Expectation]:
+        found = problem.simulate([problem.models(model, slots, x)], seed + 10 * number, more * _FINE)[0]
+        return found, shifted(problem, problem.expect(found), slots, x)
+
+    sensors, here = look(at, 0)
+    if close:
+        ways = well_seen(problem, model, slots, at, here, near.information, seed + 2)
+    else:
+        ways = directions(slots, at, near.information)
+    samples = samples_around(problem, model, slots, at, seed + 1, ways, more * _SHARP if close else _BLUNT)
+    samples.append(sample_of(problem, at, sensors))
+    jacobian = slopes(problem, slots, at, here, samples, ways)
+    close = close and loss_of(problem, here, slots, at, start) < _HOPELESS * len(here.value)
+    visited, seen = [(at, here)], [sensors]
+    radius = 1.0
+    for number in range(1, _POLISHINGS + 1 if close else 0):
+        delta, gain = step_from(problem, here, jacobian, slots, at, start, radius)
+        # Chance of the simulation alone promises about half a unit for each coordinate.
+        if gain < _SMALL + 0.5 * len(slots) and len(visited) >= _VISITS:
+            break
+        to = at + delta
+        sensors, there = look(to, number)
+        before, after = loss_of(problem, here, slots, at, start), loss_of(problem, there, slots, to, start)
+        _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", before, after, gain, shown(slots, to))
+        samples.append(sample_of(problem, to, sensors))
+        visited.append((to, there))
+        seen.append(sensors)
+        if after < before + _DOUBTFUL:
+            at = to
+        else:
+            radius *= _SHORTER
+        jacobian = slopes(problem, slots, at, next(e for x, e in visited if x is at), samples, ways)
+        here = pooled(problem, visited, jacobian, slots, at, start)
+    return _Minimum(at, here, jacobian, tuple(seen), close)
 
 
 def _last_step(
@@ -149,15 +168,3 @@ def _last_step(
     after = loss_of(problem, replace(here, value=value), slots, last, start)
     _LOG.debug("last, loss %.5g to %.5g, at %s", before, after, shown(slots, last))
     return (last, value) if after < before else (at, here.value)
-
-
-def _directions(near: Approach) -> Floats:
-    """Return (k, m) along which differences are taken: all of them about equally well seen, in all statistics."""
-    simulated = np.array([slot.free.owner != ALIGNMENT for slot in near.slots])
-    scale = longest_of(near.slots, near.at)[simulated]
-    known = near.information + np.diag(prior_precision(near.slots))
-    values, vectors = np.linalg.eigh(known[np.ix_(simulated, simulated)] * np.outer(scale, scale))
-    far = np.minimum(_MOVED / np.sqrt(np.maximum(values, _MOVED**2 * 1e-6)), _FARTHEST)
-    found = np.zeros((len(near.slots), len(scale)))
-    found[simulated] = scale[:, None] * vectors * far
-    return found

@@ -25,7 +25,6 @@ __all__ = [
     "excess",
     "freedom",
     "heldout",
-    "leaves_less",
     "more_than_chance",
     "step_of",
     "values_of",
@@ -65,12 +64,6 @@ def freedom(one: Fit) -> int:
 def deviance_per_dof(problem: Problem, one: Fit) -> float:
     """Return the error of a fit: its deviance by degree of freedom, about 1 for a true model."""
     return deviance(problem, one) / freedom(one)
-
-
-def leaves_less(problem: Problem, one: Fit, other: Fit) -> bool:
-    """Return whether a fit leaves less to each independent residual than another one does, on one scale for both."""
-    left, before = (deviance(problem, fit, one.scale) / freedom(fit) for fit in (one, other))
-    return left < before
 
 
 def excess(problem: Problem, one: Fit) -> float:

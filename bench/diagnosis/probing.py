@@ -34,6 +34,7 @@ __all__ = [
     "Probe",
     "Probed",
     "closer",
+    "fainter",
     "probes_at",
     "reliable",
     "seen_of",
@@ -94,9 +95,8 @@ def well_sized(
         again = {}
         for one, (effect, sizes) in zip(probes, left.items(), strict=True):
             found[effect.id] = one
-            # What the free numbers take up is not seen: slow noise beside noise that is free, for one.
             halves = [beyond(basis, extended(fit, half)) for half in one.change]
-            looks = [seen_of(*(half[:, i] for half in halves)) for i in range(len(sizes))]
+            looks = _looks(halves)
             clear = [stands_out(*(half[:, i] for half in halves)) for i in range(len(sizes))]
             seen |= {(f.owner, f.name): n / size for f, n, size in zip(one.free, looks, sizes, strict=True)}
             wanted = sizes_for(problem, fit, effect, seen)
@@ -112,6 +112,22 @@ def well_sized(
         if not left:
             break
     return [found[e.id] for e in effects]
+
+
+def fainter(problem: Problem, fit: Fit, one: Probe) -> Floats:
+    """(k,) how many times larger the numbers of a probe are to be to be seen as well as is wanted; 1 if they are."""
+    basis = basis_of(fit, problem)
+    looks = _looks([beyond(basis, extended(fit, half)) for half in one.change])
+    usual = np.array([free.coordinate(free.probe) for free in one.free])
+    size = np.abs(np.asarray(one.at) / usual)
+    seen = {(f.owner, f.name): n / s for f, n, s in zip(one.free, looks, size, strict=True)}
+    larger = np.array(sizes_for(problem, fit, one.effect, seen)) / size
+    return np.asarray(np.where(larger > _ABOUT, larger, 1.0))
+
+
+def _looks(halves: Sequence[Floats]) -> list[float]:
+    """Return how well each number is seen; what the free numbers take up is not: slow noise beside noise, for one."""
+    return [seen_of(*(half[:, i] for half in halves)) for i in range(halves[0].shape[1])]
 
 
 def seen_of(a: Floats, b: Floats) -> float:

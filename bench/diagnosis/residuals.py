@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Expectation", "Kinds", "Measured", "Scatter", "expectation", "measured", "slope_of"]
 
 _ANSCOMBE: Final = 0.375
+_RESPONSE: Final = "response"
 #: A transformed share or count scatters by no less than this, whatever the simulated pixels did.
 _LEAST_VARIANCE: Final = 0.6
 #: A mean over fewer events than this says nothing.
@@ -73,6 +74,7 @@ class Kinds:
     mean: Flags
     array: Flags  #: they are not known from a part of the pixels
     least: Floats  #: what one rare event changes each by
+    response: npt.NDArray[np.int64]  #: where the response is of whose answers it is about pairs; -1: it is not
 
     @classmethod
     def of(cls, labels: Sequence[Label]) -> Kinds:
@@ -81,7 +83,28 @@ class Kinds:
             np.array([label.kind == kind for label in labels], np.bool_) for kind in ("share", "count", "mean")
         )
         array = np.array([label.of_array or label.by_pulse for label in labels], np.bool_)
-        return cls(share, count, mean, array, np.array([label.least for label in labels], np.float64))
+        least = np.array([label.least for label in labels], np.float64)
+        responses = {_pulses_of(label): i for i, label in enumerate(labels) if label.view == _RESPONSE}
+        response = [responses.get(_pulses_of(label), -1) if label.of_pairs else -1 for label in labels]
+        return cls(share, count, mean, array, least, np.array(response, np.int64))
+
+    def rarer(self, ratio: Floats, bottom: Floats) -> Floats:
+        """(n,) the number of answers, or of their absence, that products of two answers come from; else infinite.
+
+        Rare ones come in clumps, in few pixels: few recordings do not tell how much such products scatter.
+        """
+        share = np.nan_to_num(ratio)
+        number = (np.minimum(share, 1.0 - share) * bottom)[self.response]
+        return np.asarray(np.where(self.response >= 0, number, np.inf))
+
+    def by_chance(self, ratio: Floats, bottom: Floats) -> Floats:
+        """(n,) the variance that means of products of two answers have if these have nothing in common; 0 for others.
+
+        From few rare events the scatter between pixels does not tell it.
+        """
+        share = np.clip((np.nan_to_num(ratio) * bottom + _ANSCOMBE) / (bottom + 2.0 * _ANSCOMBE), 0.0, 1.0)
+        each = (share * (1.0 - share))[self.response]
+        return np.asarray(np.where(self.response >= 0, self.least * each**2, 0.0))
 
 
 @dataclass(frozen=True)
@@ -124,6 +147,10 @@ class Expectation:
         ratio = kinds.share | kinds.count | kinds.mean
         wrong = np.where(kinds.share, angle, np.where(kinds.count, count, 1.0))
         return np.asarray(share * np.where(ratio, wrong, _COARSE * self.deviation))
+
+
+def _pulses_of(label: Label) -> tuple[int, str, float, float]:
+    return label.point, label.part, label.log_contrast, label.width_s
 
 
 def measured(summaries: Sequence[Summary], labels: Sequence[Label] | None = None) -> Measured:
@@ -236,10 +263,12 @@ def _variance(of: Measured, found: Floats, simulated: Floats, clusters: Floats, 
     kinds = of.kinds
     counted = np.where((of.bottom > 0.0) & (simulated > 0.0), np.maximum(found, _LEAST_VARIANCE), _NOTHING)
     # Where the model is far off its own scatter is not to be trusted: half of each.
-    mixed = 0.5 * (found + of.variance) + 2.0 * kinds.least**2
+    chance = kinds.by_chance(expected, of.bottom)
+    mixed = 0.5 * (np.maximum(found, chance) + np.maximum(of.variance, chance)) + 2.0 * kinds.least**2
     few = np.minimum(of.bottom, simulated) < _FEWEST_EVENTS
     few = kinds.mean & (few | (np.minimum(of.clusters, clusters) < _FEWEST_CLUSTERS))
-    variance = np.where(kinds.share | kinds.count, counted, np.where(few, _NOTHING, mixed))
+    rare = np.minimum(kinds.rarer(of.ratio, of.bottom), kinds.rarer(expected, simulated)) < _FEWEST_EVENTS
+    variance = np.where(kinds.share | kinds.count, counted, np.where(few | rare, _NOTHING, mixed))
     usable = np.isfinite(of.ratio) & np.isfinite(expected) & (variance > 0.0)
     return np.where(usable, variance, _NOTHING)
 

@@ -17,7 +17,7 @@ from bench.diagnosis import robust
 from bench.diagnosis.catalogue import cost_of, switches
 from bench.diagnosis.explaining import BEYOND, explain
 from bench.diagnosis.judging import freedom
-from bench.diagnosis.probing import WELL_SEEN, closer, probes_at, seen_of, well_sized
+from bench.diagnosis.probing import WELL_SEEN, closer, fainter, probes_at, seen_of, well_sized
 from bench.diagnosis.seen import best_seen
 
 if TYPE_CHECKING:
@@ -46,8 +46,9 @@ _AT_MOST: Final = 4.0
 #: A share of what is too much in the loss is enough to go on with.
 _ENOUGH: Final = 0.1
 #: Where what may be missing is small, so many of the most promising are looked at closer, with this effort; with more
-#: where the fitted model takes longer, by the root of its cost, as its fit does.
+#: where the fitted model takes longer, by the root of its cost, as its fit does. Chance promises a fall of one.
 _CLOSER: Final = 5
+_WORTH_ASKING: Final = 2.0
 _CLOSER_EFFORT: Final = 2.0
 
 
@@ -72,6 +73,13 @@ def probe(
     effort = _CLOSER_EFFORT * math.sqrt(cost_of(fit.model))
     again = closer(problem, fit, [found[i] for i in best], sizes, seed + 1, effort)
     for i, one in zip(best, again, strict=True):
+        found[i] = one
+    # What stood out by chance is fainter once it is looked at closer; what then promises nothing is not asked again.
+    falls = _expected(problem, fit, found)[1]
+    larger = {i: fainter(problem, fit, found[i]) for i in best if falls[i] > _WORTH_ASKING}
+    faint = [i for i, factors in larger.items() if np.any(factors > 1.0)]
+    again = closer(problem, fit, [found[i] for i in faint], [larger[i] for i in faint], seed + 2, effort)
+    for i, one in zip(faint, again, strict=True):
         found[i] = one
     return found
 

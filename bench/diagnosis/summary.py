@@ -37,6 +37,7 @@ class Label:
     least: float  #: what one rare event changes it by
     of_array: bool  #: it depends on how many pixels there are
     by_pulse: bool  #: it comes from what all pixels do in a pulse
+    of_pairs: bool = False  #: it is a mean of products of two answers
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +133,7 @@ def _summaries(seen: Sequence[Statistic], sensors: int) -> list[Summary]:
 def _label(point: PointData, view: View, s: Statistic) -> Label:
     return Label(
         point.index, view.id, s.part, s.kind, s.unit, point.baseline_lux, s.log_contrast, s.width_s, point.nd_od,
-        s.least, view.of_array, s.by_pulse,
+        s.least, view.of_array, s.by_pulse, s.of_pairs,
     )  # fmt: skip
 
 

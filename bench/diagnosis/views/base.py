@@ -38,6 +38,9 @@ class Statistic:
     width_s: float = float("nan")  #: of the test pulse; NaN for background
     by_pulse: bool = False  #: the clusters are pulses, not pixels
     least: float = 0.0  #: what one rare event changes the number by: it is not known better
+    of_pairs: bool = False
+    """It is a mean of products of two answers, each less its mean, and `least` is one by the number of pairs: answers
+    of probability p that had nothing in common would give it a variance of ``least (p (1 - p))^2``."""
 
 
 class View:

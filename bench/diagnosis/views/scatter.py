@@ -36,8 +36,9 @@ class PixelSpread(View):
             )
             least = 4.0 / (answers.test.pulses**2 * len(even))
             yield _difference(
-                answers, recording.about_mean(even) * recording.about_mean(odd), np.ones(len(even)), least=least
-            )
+                answers, recording.about_mean(even) * recording.about_mean(odd), np.ones(len(even)), least=least,
+                of_pairs=True,
+            )  # fmt: skip
 
 
 class Succession(View):
@@ -53,7 +54,7 @@ class Succession(View):
             pairs = max(answers.test.pulses - 1, 1)
             least = 1.0 / (pairs * len(away))
             products = (away[:, 1:] * away[:, :-1]).sum(axis=1)
-            yield _difference(answers, products, np.full(len(away), float(pairs)), least=least)
+            yield _difference(answers, products, np.full(len(away), float(pairs)), least=least, of_pairs=True)
 
 
 class Halves(View):
@@ -89,7 +90,7 @@ class CommonMode(View):
             second = answered[:, 1::2].mean(axis=1) if answered.shape[1] > 1 else np.zeros_like(first)
             product = np.prod([half - half.mean(axis=1, keepdims=True) for half in (first, second)], axis=0).ravel()
             least = 4.0 / (len(answers.own) ** 2 * product.size)
-            yield _difference(answers, product, np.ones(product.size), by_pulse=True, least=least)
+            yield _difference(answers, product, np.ones(product.size), by_pulse=True, least=least, of_pairs=True)
 
 
 def _difference(
@@ -99,6 +100,7 @@ def _difference(
     *,
     by_pulse: bool = False,
     least: float,
+    of_pairs: bool = False,
 ) -> Statistic:
     return Statistic(
         part=answers.test.polarity,
@@ -109,4 +111,5 @@ def _difference(
         width_s=answers.test.width_s,
         by_pulse=by_pulse,
         least=least,
+        of_pairs=of_pairs,
     )

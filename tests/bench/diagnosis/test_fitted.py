@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from bench.diagnosis.fitted import Fit
-from bench.diagnosis.judging import deviance, leaves_less
 from bench.diagnosis.parameters import base_parameters
 from bench.diagnosis.problem import Slot
 from sim_backend.pixel import PixelModel
@@ -43,15 +40,6 @@ def test_where_points_disagree_it_is_as_wide_as_they_do() -> None:
     expected = float(away.var(ddof=1)) / POINTS
     assert expected > 2.0 / N
     assert mean_of(np.repeat(away, EACH)).covariance(WHERE)[0, 0] == pytest.approx(expected)
-
-
-def test_what_a_fit_leaves_is_compared_on_one_scale() -> None:
-    """A scale that is half as large makes a deviance twice as large, and leaves no more."""
-    problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(points=WHERE)))
-    less, more = mean_of(np.full(N, 0.9)), replace(mean_of(np.ones(N)), scale=2.0)
-    assert deviance(problem, less) > deviance(problem, more)
-    assert leaves_less(problem, less, more)
-    assert not leaves_less(problem, more, less)
 
 
 def _of_columns(halves: np.ndarray[tuple[int, int, int], np.dtype[np.float64]]) -> Fit:

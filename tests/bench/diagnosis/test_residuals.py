@@ -33,3 +33,40 @@ def test_of_what_comes_from_one_cluster_no_scatter_is_known() -> None:
     # The standard deviation of 5 and 6 is a half; 30 of them were measured, and 30 simulated.
     found = expectation(measured([many]), [many]).deviation[0]
     assert found == pytest.approx(0.5 * math.sqrt(2.0 / 30.0), rel=1e-6)
+
+
+PIXELS, PULSES = 200, 20
+HALF = PULSES // 2
+
+
+def of_pairs(answered: np.ndarray) -> Summary:
+    """Return a response, and the covariance between pixels of its even and its odd pulses."""
+    response = Label(0, "response", "on", "share", "1", 1.0, 0.4, 0.05, 0.0, 0.0, False, False)
+    least = 1 / (HALF**2 * PIXELS)
+    spread = Label(0, "spread", "on", "difference", "1", 1.0, 0.4, 0.05, 0.0, least, False, False, True)
+    even, odd = (answered[:, k::2].mean(axis=1) for k in (0, 1))
+    tops = [answered.sum(axis=1), (even - even.mean()) * (odd - odd.mean())]
+    summands = np.array([*tops, np.full(PIXELS, PULSES), np.ones(PIXELS)])
+    sums = summands.sum(axis=1)
+    return Summary((response, spread), sums[:2], sums[2:], summands @ summands.T)
+
+
+def test_products_of_answers_are_not_known_better_than_chance_lets_them() -> None:
+    """Answers that have nothing in common: the mean of their products has a variance of (p (1 - p))^2 / pairs."""
+    rng = np.random.default_rng(2)
+    run, model = ((rng.random((PIXELS, PULSES)) < 0.1).astype(float) for _ in range(2))
+    known = measured([of_pairs(run)])
+    variance = 0.09**2 / (HALF**2 * PIXELS)
+    assert known.kinds.by_chance(np.array([0.1, 0.0]), known.bottom)[1] == pytest.approx(variance, rel=0.02)
+    # The products of 200 pixels tell their variance to 20 %; measured less expected has that of both.
+    found = expectation(known, [of_pairs(model)]).deviation[1]
+    assert found >= math.sqrt(2.0 * 0.9 * variance)
+    assert found == pytest.approx(math.sqrt(2.0 * variance), rel=0.2)
+
+
+def test_of_products_of_few_answers_nothing_is_known() -> None:
+    """Three pulses that were not answered, all of one pixel: nobody knows how often that happens."""
+    run = np.ones((PIXELS, PULSES))
+    run[7, :3] = 0.0
+    known = measured([of_pairs(run)])
+    assert expectation(known, [of_pairs(run)]).deviation[1] > 1e5

@@ -116,6 +116,21 @@ def test_a_model_that_takes_longer_gets_more_effort(monkeypatch: pytest.MonkeyPa
     for model in (PixelModel(), PixelModel() + slow):
         fit = replace(fit_with(DIRECTION), model=model)
         sizing.probe(PROBLEM, fit, [LEAK, CROSSTALK], 1, False, {})
-    ((usual,), (more,)) = efforts.values()
+    ((usual, *_), (more, *_)) = efforts.values()
     assert more / usual == pytest.approx(np.sqrt(max(efforts)))
     assert more > usual
+
+
+def test_what_stood_out_by_chance_is_asked_again_in_a_larger_size(
+    asked: list[tuple[str, float]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hundredth of a leak moves 200 statistics by a tenth each, 1.4 standard errors in all; it seemed to be 100."""
+    fit = fit_with(0.2 * DIRECTION)
+    usual = switches(LEAK)[0].probe
+    seemed = Probe(LEAK, switches(LEAK), (0.01 * usual,), np.stack([0.7 * DIRECTION[:, None]] * 2))
+    monkeypatch.setattr(sizing, "well_sized", lambda *_: [seemed])
+    (leak,) = sizing.probe(PROBLEM, fit, [LEAK], 1, False, {})
+    assert asked[0][1] == pytest.approx(0.01)
+    # Its line explains two standard errors of each statistic, some 28 in all: that many are wanted.
+    wanted = leak.at[0] / usual * float(np.linalg.norm(DIRECTION))
+    assert wanted == pytest.approx(np.sqrt(0.2**2 * 100.0 * N - N), rel=0.05)

@@ -1,0 +1,51 @@
+"""Directions in which is looked how what is expected changes: as long as wanted, whatever was thought before."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from bench.diagnosis import ways
+from bench.diagnosis.parameters import Free
+from bench.diagnosis.problem import Slot
+from bench.diagnosis.slopes import Sample
+from bench.diagnosis.steps import inside, longest_of
+
+#: So many statistics; two numbers do nearly the same to them, a third one hardly anything.
+N = 60
+_RNG = np.random.default_rng(8)
+_SLOPE = _RNG.normal(size=(N, 3)) @ np.array([[800.0, 780.0, 0.0], [0.0, 60.0, 0.0], [0.0, 0.0, 20.0]])
+_SLOTS = tuple(
+    Slot(Free("noise_floor", name, name, "ln", "linear", -9.0, 9.0, 0.1, 9.0, effect=False)) for name in "abc"
+)
+_AT = np.zeros(3)
+_HERE = cast("Any", SimpleNamespace(value=np.zeros(N), roots=(np.eye(N),)))
+_PROBLEM = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=(), points=(slice(0, N),))))
+
+
+def _samples(*given: Any) -> list[Sample]:
+    """Return what is expected to both sides, with an independent chance for each sensor."""
+    directions, seed = given[5], given[4]
+    rng = np.random.default_rng(seed)
+    places = [(inside(_SLOTS, _AT + sign * way), i) for i, way in enumerate(directions.T) for sign in (1.0, -1.0)]
+    return [Sample(x, _SLOPE @ x + rng.normal(size=(2, N)), 1.0, i) for x, i in places]
+
+
+@pytest.mark.parametrize("thought", [np.zeros((3, 3)), np.diag([1e2, 1e8, 1e2]), np.diag([1e9, 0.0, 1e9])])
+def test_statistics_move_as_far_as_wanted_whatever_was_thought(
+    thought: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ways, "samples_around", lambda *given: _samples(*given[:6]))
+    found = ways.well_seen(_PROBLEM, cast("Any", None), _SLOTS, _AT, _HERE, thought, 4)
+    longest = longest_of(_SLOTS, _AT)[0] * 0.3
+    moved = np.linalg.norm(_SLOPE @ found, axis=0)
+    lengths = np.linalg.norm(found, axis=0)
+    # Along each way by 60 standard errors, or less if it is the longest; and no two ways do the same.
+    for far, length in zip(moved, lengths, strict=True):
+        assert far < 2.0 * 60.0
+        assert far > 0.5 * 60.0 or length > 0.9 * longest
+    unit = _SLOPE @ found / moved
+    assert np.linalg.svd(unit, compute_uv=False).min() > 0.5
