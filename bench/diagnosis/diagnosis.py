@@ -321,7 +321,7 @@ class Diagnosis:
         fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
         self._say(f"step {number}: looking for what is missing")
         possible = candidates(fitted.model, self.problem.points, without=self._without)
-        seed = self._seed + 100 * number + 11
+        seed = self._seed + 100 * number + 17
         gross = deviance_per_dof(self.problem, fitted) > _GROSS
         probes = probe(self.problem, fitted, possible, seed, gross, self._seen)
         return _State(fitted, self._scores(fitted, probes), added, fall)
@@ -397,7 +397,7 @@ class Diagnosis:
         found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
         if not far_off:  # what the screen promises of a small effect may be chance, in the changes it expects
             before = Found(state.added or "", state.fit, deviance(self.problem, state.fit))
-            found = [f for f in found if nearer(self.problem, f, before, self._seed + 51) < 0.0]
+            found = [f for f in found if nearer(self.problem, f, before, self._seed + 57) < 0.0]
         if not found or (far_off and self._share(state, found[0]) < worth):
             return
         found = self._with_the_nearest_first(found)
@@ -421,7 +421,7 @@ class Diagnosis:
         best = found[0]
         for other in found[1:]:
             if other.deviance - best.deviance < _ABOUT * math.sqrt(2.0 * freedom(best.fit)):
-                best = other if nearer(self.problem, best, other, self._seed + 51) > 0.0 else best
+                best = other if nearer(self.problem, best, other, self._seed + 57) > 0.0 else best
         return [best, *(one for one in found if one is not best)]
 
     def _refitted(self, state: _State, effect_ids: Sequence[str], most: int | None = None) -> list[Found]:

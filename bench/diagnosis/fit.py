@@ -43,22 +43,22 @@ _LOG = logging.getLogger(__name__)
 
 #: Relative error that what is expected may have at the start of a fit.
 _ANYWHERE: Final = 0.3
-#: Effort of one expectation at the solution, and how often it is looked for there, at the least and at the most: what
-#: is expected is known from all of them. A model that takes longer than the base pixel gets more effort, by the root
-#: of its cost, unless it is far off: what few pixels let expect tells little apart.
+#: Effort of one look at the solution, how many there are at the least, and how many steps at the most: what is
+#: expected is known from all looks. A model that takes longer than the base pixel gets more effort, by the root of
+#: its cost, unless it is far off: what few pixels let expect tells little apart.
 _FINE: Final = 3.0
 _VISITS: Final = 4
 _POLISHINGS: Final = 6
 #: A fit ends when a step would lower the loss by less than this.
 _SMALL: Final = 1.0
-#: After a step that makes the loss larger the next is shorter.
-_SHORTER: Final = 0.3
 #: Effort of one end of a difference, near the minimum and where the model is far off. With an effort of 0.4 steps to
 #: the minimum were so much too short that most numbers ended outside their 90 % intervals.
 _SHARP: Final = 1.0
 _BLUNT: Final = 0.15
-#: A loss is known to about this: where it is larger by more after a step, the fit stays where it was.
+#: The loss of one look is known to about this: where it is larger by more than the least, the fit stays where it was.
 _DOUBTFUL: Final = 15.0
+#: and the next step is shorter.
+_SHORTER: Final = 0.3
 #: The longest last step, beside the longest of all.
 _LAST: Final = 0.1
 #: and of the last step of a fit that is far off, or ends.
@@ -131,7 +131,7 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
     jacobian = slopes(problem, slots, at, here, samples, ways)
     close = close and loss_of(problem, here, slots, at, start) < _HOPELESS * len(here.value)
     visited, seen = [(at, here)], [sensors]
-    radius = 1.0
+    least, radius = loss_of(problem, here, slots, at, start), 1.0
     for number in range(1, _POLISHINGS + 1 if close else 0):
         delta, gain = step_from(problem, here, jacobian, slots, at, start, radius)
         # Chance of the simulation alone promises about half a unit for each coordinate.
@@ -139,13 +139,13 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
             break
         to = at + delta
         sensors, there = look(to, number)
-        before, after = loss_of(problem, here, slots, at, start), loss_of(problem, there, slots, to, start)
-        _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", before, after, gain, shown(slots, to))
+        after = loss_of(problem, there, slots, to, start)
+        _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", least, after, gain, shown(slots, to))
         samples.append(sample_of(problem, to, sensors))
         visited.append((to, there))
         seen.append(sensors)
-        if after < before + _DOUBTFUL:
-            at = to
+        if after < least + _DOUBTFUL:
+            at, least = to, min(least, after)
         else:
             radius *= _SHORTER
         jacobian = slopes(problem, slots, at, next(e for x, e in visited if x is at), samples, ways)

@@ -30,11 +30,13 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
 
 __all__ = [
+    "GROSS",
     "WELL_SEEN",
     "Probe",
     "Probed",
     "closer",
     "fainter",
+    "looks_of",
     "probes_at",
     "reliable",
     "seen_of",
@@ -47,7 +49,7 @@ _FIRST: Final = 0.25
 #: A probe that moves all statistics by more than this is tried again at a share of its size, and any whose size is
 #: not the wanted one to within a factor, so often at the most; no statistic counts for more standard errors than the
 #: limit.
-_GROSS: Final = 60.0
+GROSS: Final = 60.0
 _SMALLER: Final = 0.15
 _ABOUT: Final = 3.0
 #: An effect that stands out of chance by fewer standard errors is tried at so many times its size.
@@ -103,7 +105,7 @@ def well_sized(
             # What is gross is seen even better than it looks: no statistic counts for more than a few.
             # What may be chance is looked at in a larger size.
             others = tuple(
-                min(new, _SMALLER * size) if n > _GROSS else new if sure else min(_GROWTH * size, _LARGEST)
+                min(new, _SMALLER * size) if n > GROSS else new if sure else min(_GROWTH * size, _LARGEST)
                 for new, size, n, sure in zip(wanted, sizes, looks, clear, strict=True)
             )
             if any(not 1.0 / _ABOUT <= size / new <= _ABOUT for size, new in zip(sizes, others, strict=True)):
@@ -114,15 +116,26 @@ def well_sized(
     return [found[e.id] for e in effects]
 
 
-def fainter(problem: Problem, fit: Fit, one: Probe) -> Floats:
-    """(k,) how many times larger the numbers of a probe are to be to be seen as well as is wanted; 1 if they are."""
-    basis = basis_of(fit, problem)
-    looks = _looks([beyond(basis, extended(fit, half)) for half in one.change])
+def fainter(problem: Problem, fit: Fit, one: Probe, seen: Probed) -> Floats:
+    """(k,) how many times larger the numbers of a probe are to be to be seen as well as is wanted; 1 if they are.
+
+    Parameters
+    ----------
+    seen
+        How well effects are seen; what this probe says of it is put there.
+    """
     usual = np.array([free.coordinate(free.probe) for free in one.free])
     size = np.abs(np.asarray(one.at) / usual)
-    seen = {(f.owner, f.name): n / s for f, n, s in zip(one.free, looks, size, strict=True)}
-    larger = np.array(sizes_for(problem, fit, one.effect, seen)) / size
+    seen |= {(f.owner, f.name): n / s for f, n, s in zip(one.free, looks_of(problem, fit, one), size, strict=True)}
+    most = np.array([max(abs(end) for end in free.range) for free in one.free]) / np.abs(np.asarray(one.at))
+    larger = np.minimum(np.array(sizes_for(problem, fit, one.effect, seen)) / size, most)
     return np.asarray(np.where(larger > _ABOUT, larger, 1.0))
+
+
+def looks_of(problem: Problem, fit: Fit, one: Probe) -> list[float]:
+    """Return by how many standard errors each number of a probe is seen."""
+    basis = basis_of(fit, problem)
+    return _looks([beyond(basis, extended(fit, half)) for half in one.change])
 
 
 def _looks(halves: Sequence[Floats]) -> list[float]:

@@ -33,7 +33,7 @@ __all__ = ["settled", "unknown_shapes"]
 
 #: A deviance that is larger by so many standard deviations than that of a true model, and not by such a factor, may
 #: be that of a fit in a valley; with a shape that is not known, valleys are deeper.
-_MORE_THAN_CHANCE: Final = 1.0
+_MORE_THAN_CHANCE: Final = 2.0
 _VALLEY: Final = 2.0
 _DEEP_VALLEY: Final = 5.0
 #: Another place is better when the deviance falls by this share.

@@ -17,7 +17,7 @@ from bench.diagnosis import robust
 from bench.diagnosis.catalogue import cost_of, switches
 from bench.diagnosis.explaining import BEYOND, explain
 from bench.diagnosis.judging import freedom
-from bench.diagnosis.probing import WELL_SEEN, closer, fainter, probes_at, seen_of, well_sized
+from bench.diagnosis.probing import GROSS, WELL_SEEN, closer, fainter, looks_of, probes_at, seen_of, well_sized
 from bench.diagnosis.seen import best_seen
 
 if TYPE_CHECKING:
@@ -76,11 +76,12 @@ def probe(
         found[i] = one
     # What stood out by chance is fainter once it is looked at closer; what then promises nothing is not asked again.
     falls = _expected(problem, fit, found)[1]
-    larger = {i: fainter(problem, fit, found[i]) for i in best if falls[i] > _WORTH_ASKING}
+    larger = {i: fainter(problem, fit, found[i], seen) for i in best if falls[i] > _WORTH_ASKING}
     faint = [i for i, factors in larger.items() if np.any(factors > 1.0)]
     again = closer(problem, fit, [found[i] for i in faint], [larger[i] for i in faint], seed + 2, effort)
     for i, one in zip(faint, again, strict=True):
-        found[i] = one
+        # What sets in beyond some size is no line from nothing.
+        found[i] = one if max(looks_of(problem, fit, one)) < GROSS else found[i]
     return found
 
 

@@ -7,6 +7,7 @@ the directions are set right until they move as far as wanted.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -78,7 +79,8 @@ def well_seen(
     ways = directions(slots, at, information)
     samples: list[Sample] = []
     for number in range(_ROUNDS):
-        samples += samples_around(problem, model, slots, at, seed + _OTHER_SEED * number, ways, _LITTLE)
+        fresh = samples_around(problem, model, slots, at, seed + _OTHER_SEED * number, ways, _LITTLE)
+        samples += [replace(one, pair=one.pair + number * ways.shape[1]) for one in fresh]
         first, second = (whiten(here.roots, j, problem.measured.points)
                          for j in slopes(problem, slots, at, here, samples, ways))  # fmt: skip
         changes, chance = 0.5 * (first + second), 0.5 * (first - second)

@@ -39,8 +39,10 @@ class Statistic:
     by_pulse: bool = False  #: the clusters are pulses, not pixels
     least: float = 0.0  #: what one rare event changes the number by: it is not known better
     of_pairs: bool = False
-    """It is a mean of products of two answers, each less its mean, and `least` is one by the number of pairs: answers
-    of probability p that had nothing in common would give it a variance of ``least (p (1 - p))^2``."""
+    """It is a mean over pixels of products of two of their answers, each less its mean, and `least` is one by the
+    number of pairs: answers of probability p that had nothing in common would give it a variance of
+    ``least (p (1 - p))^2``. The response to the same pulses is looked up: `part`, `log_contrast` and `width_s` are
+    those of the answers."""
 
 
 class View:

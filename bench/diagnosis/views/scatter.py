@@ -90,7 +90,7 @@ class CommonMode(View):
             second = answered[:, 1::2].mean(axis=1) if answered.shape[1] > 1 else np.zeros_like(first)
             product = np.prod([half - half.mean(axis=1, keepdims=True) for half in (first, second)], axis=0).ravel()
             least = 4.0 / (len(answers.own) ** 2 * product.size)
-            yield _difference(answers, product, np.ones(product.size), by_pulse=True, least=least, of_pairs=True)
+            yield _difference(answers, product, np.ones(product.size), by_pulse=True, least=least)
 
 
 def _difference(
