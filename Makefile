@@ -69,7 +69,7 @@ soak: $(TEST_ENV)
 	$(BIN)/python -m benchmarks.soak
 
 dozen: $(TEST_ENV)
-	$(PYTEST) -m dozen tests/benchmarks/planted
+	$(PYTEST) -m dozen tests/benchmarks/planted/test_dozen.py
 
 study: $(TEST_ENV)
 	$(BIN)/python -m benchmarks.planted --seed $(SEED) --workers $(STUDY_WORKERS)
