@@ -30,6 +30,7 @@ from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import Found, needless, refitted
 from bench.diagnosis.remainder import remainder_of
 from bench.diagnosis.result import Candidate, Outcome
+from bench.diagnosis.robust import loss
 from bench.diagnosis.screen import score
 from bench.diagnosis.session import open_session
 from bench.diagnosis.settling import settled
@@ -499,8 +500,21 @@ class Diagnosis:
             return ("explained" if named else "nothing_missing"), named
         # Effects that leave much behind may only have mimicked what no catalogue knows.
         nearly = deviance_per_dof(self.problem, states[-1].fit) < _NEARLY
-        sure = (s.added for s in states[1:] if s.added is not None and (nearly or s.fall > _SURE))
+        sure = (
+            after.added for before, after in pairwise(states)
+            if after.added is not None and (nearly or min(after.fall, self._share_of_loss(before, after)) > _SURE)
+        )  # fmt: skip
         return "unexplained", tuple(sure)
+
+    def _share_of_loss(self, before: _State, after: _State) -> float:
+        """Return the share of what was too much in the loss that an effect took away.
+
+        The deviance may be that of a few statistics, of which hardly anything was to be expected: an effect that lets
+        a little more be expected of them takes most of it away, and they are as wrong as before.
+        """
+        one, other = (loss(s.fit.whiten(s.fit.residual, self.problem.measured.points)) for s in (before, after))
+        n = freedom(before.fit)
+        return (one - other) / max(one - n, math.sqrt(2.0 * n))
 
     def _last_step(self) -> Step:
         return self._step(len(self._states) - 1, self._states[-1])

@@ -63,8 +63,9 @@ _SHORTER: Final = 0.3
 _LAST: Final = 0.1
 #: and of the last step of a fit that is far off, or ends.
 _SHORTEST: Final = 0.02
-#: A loss per statistic above this is no matter of effort.
+#: A loss per statistic above this is no matter of effort, if so many steps did not lower it.
 _HOPELESS: Final = 3.0
+_ATTEMPTS: Final = 2
 
 
 def fit(
@@ -114,7 +115,8 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
     """Go from place to place; what is expected is known from all that are close by, the better the more there are."""
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
     # A model that is far off is not worth the effort.
-    close = near.loss < _HOPELESS * len(problem.measured.labels)
+    hopeless = _HOPELESS * len(problem.measured.labels)
+    close = near.loss < hopeless
     more = math.sqrt(cost_of(model)) if close else 1.0
 
     def look(x: Floats, number: int) -> tuple[Sequence[Sensor], Expectation]:
@@ -129,13 +131,14 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
     samples = samples_around(problem, model, slots, at, seed + 1, ways, more * _SHARP if close else _BLUNT)
     samples.append(sample_of(problem, at, sensors))
     jacobian = slopes(problem, slots, at, here, samples, ways)
-    close = close and loss_of(problem, here, slots, at, start) < _HOPELESS * len(here.value)
     visited, seen = [(at, here)], [sensors]
     least, radius = loss_of(problem, here, slots, at, start), 1.0
     for number in range(1, _POLISHINGS + 1 if close else 0):
         delta, gain = step_from(problem, here, jacobian, slots, at, start, radius)
         # Chance of the simulation alone promises about half a unit for each coordinate.
         if gain < _SMALL + 0.5 * len(slots) and len(visited) >= _VISITS:
+            break
+        if number > _ATTEMPTS and least > hopeless:
             break
         to = at + delta
         sensors, there = look(to, number)
@@ -150,7 +153,7 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
             radius *= _SHORTER
         jacobian = slopes(problem, slots, at, next(e for x, e in visited if x is at), samples, ways)
         here = pooled(problem, visited, jacobian, slots, at, start)
-    return _Minimum(at, here, jacobian, tuple(seen), close)
+    return _Minimum(at, here, jacobian, tuple(seen), close and least < hopeless)
 
 
 def _last_step(

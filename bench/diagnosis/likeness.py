@@ -23,11 +23,15 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["closest", "nearer", "separation", "stand_in"]
+__all__ = ["TIED", "closest", "nearer", "separation", "stand_in"]
 
-#: Effort of a simulation of two models, and how many there are.
+#: Separation, in standard errors, below which two effects cannot be told apart.
+TIED: Final = 2.0
+#: Effort of a simulation of two models, and how many there are; and both where these leave it in doubt.
 _EFFORT: Final = 1.0
 _TIMES: Final = 4
+_DOUBTFUL: Final = (3.0, 6)
+_OTHER_SEED: Final = 3
 #: No residual of the sum of two, and no statistic of a difference, counts for more standard errors.
 _MOST: Final = 10.0
 #: Sizes at which an effect may come closest to another, beside that of the catalogue, with little effort; then steps
@@ -53,7 +57,10 @@ def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
     """
     models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
     basis = basis_of(one.fit, problem, without=one.effect)
-    return _length(_apart(problem, one, basis, [models], seed, _EFFORT, _TIMES)[0])
+    change = _apart(problem, one, basis, [models], seed, _EFFORT, _TIMES)[0]
+    if _is_doubtful(change):
+        change = _apart(problem, one, basis, [models], seed + _OTHER_SEED, *_DOUBTFUL)[0]
+    return _length(change)
 
 
 def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
@@ -82,9 +89,10 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
     size, rough = place.size(seed)
     if rough is not None and product(_clipped(rough), _clipped(rough)) > _CLEAR**2:
         return _CLEAR
-    null, here = place.apart((0.0, size), seed + 1, _EFFORT, _TIMES)
-    share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
-    return min(_length(here + share * (here - null)), _CLEAR)
+    looks = place.apart((0.0, size), seed + 1, _EFFORT, _TIMES)
+    if _is_doubtful(_at_its_best(*looks)):
+        looks = place.apart((0.0, size), seed + 1 + _OTHER_SEED, *_DOUBTFUL)
+    return min(_length(_at_its_best(*looks)), _CLEAR)
 
 
 def stand_in(problem: Problem, one: Found, other: type[Effect], seed: int) -> PixelModel:
@@ -132,6 +140,12 @@ class _Place:
         return size, here + share * (here - null) if -1.0 <= share < _THERE else None
 
 
+def _at_its_best(null: Floats, here: Floats) -> Floats:
+    """Return how the models differ at the size that comes closest, which is about the one looked at."""
+    share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
+    return np.asarray(here + share * (here - null))
+
+
 def _share(null: Floats, here: Floats) -> float:
     """Return by what share of itself a size wants to change, if all goes along the line from no effect."""
     along = here - null
@@ -153,6 +167,12 @@ def _length(change: Floats) -> float:
     """Return the least length that a change surely has; where it is gross, chance is gross, too."""
     change = _clipped(change)
     return math.sqrt(max(surely(change, change), 0.0))
+
+
+def _is_doubtful(change: Floats) -> bool:
+    """Return whether two models look different, and that may be chance: of few simulations it is hardly known."""
+    change = _clipped(change)
+    return product(change, change) > TIED**2 > surely(change, change)
 
 
 def _clipped(change: Floats) -> Floats:

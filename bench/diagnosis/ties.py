@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.catalogue import are_the_same
-from bench.diagnosis.likeness import closest, separation
+from bench.diagnosis.likeness import TIED, closest, separation
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["tied_with"]
 
-#: Predicted separation, in standard errors, below which two effects cannot be told apart.
-_TIED: Final = 2.0
 #: Up to this one straight lines do not tell, as there is chance in them: both are simulated.
 _PERHAPS: Final = 8.0
 #: So many effects are in a tie at the most.
@@ -55,15 +53,15 @@ def tied_with(
             apart = 0.0
         elif effect.id in rivals:
             apart = separation(problem, best, known[effect.id], seed) if effect.id in known else math.inf
-            if apart >= _TIED:
+            if apart >= TIED:
                 apart = closest(problem, best, effect, seed)
         elif rivals or scores.drop[i] < _AS_WELL * scores.drop[number]:
             continue
         else:
             apart = _along_lines(scores, number, i)
-            if _TIED <= apart < _PERHAPS:
+            if TIED <= apart < _PERHAPS:
                 apart = closest(problem, best, effect, seed)
-        if apart < _TIED:
+        if apart < TIED:
             near.append((apart, effect.id))
     return tuple(name for _, name in sorted(near)[: _IN_A_TIE - 1])
 

@@ -11,7 +11,7 @@ import pytest
 
 from bench.diagnosis.catalogue import free_of
 from bench.diagnosis.fitted import Fit
-from bench.diagnosis.likeness import closest, nearer, separation
+from bench.diagnosis.likeness import TIED, closest, nearer, separation
 from bench.diagnosis.parameters import base_parameters
 from bench.diagnosis.problem import Change, Slot
 from bench.diagnosis.refit import Found
@@ -41,8 +41,9 @@ class FakeProblem:
     measured = SimpleNamespace(points=(slice(0, N),), families=np.zeros(N, np.int64))
     given = MappingProxyType[str, Any]({})
 
-    def __init__(self, strength: float = 20.0) -> None:
+    def __init__(self, strength: float = 20.0, chance: float = CHANCE) -> None:
         self.strength = strength
+        self.chance = chance
 
     def models(self, model: PixelModel, slots: Sequence[Slot], x: Any) -> list[PixelModel]:
         return [model]
@@ -52,7 +53,7 @@ class FakeProblem:
     ) -> Iterator[Change]:
         rng = np.random.default_rng(seed)
         for model in models:
-            chance = CHANCE * rng.standard_normal((2, N))
+            chance = self.chance / np.sqrt(effort) * rng.standard_normal((2, N))
             there, here = (seen(one[0], self.strength) for one in (model, base))
             yield Change(there - here + chance, 1.0)
 
@@ -100,6 +101,15 @@ def test_another_effect_is_told_apart_in_any_size(dark_fa: float) -> None:
     left = float(np.linalg.norm(20.0 * dark_fa / (dark_fa + 5.0) * DARK))
     # How far beyond 30 it is does not matter.
     assert closest(PROBLEM, found(DarkCurrent(dark_fa)), Leak, seed=1) == pytest.approx(min(left, 30.0), rel=0.1)
+
+
+def test_what_four_simulations_leave_in_doubt_is_simulated_more_often() -> None:
+    """Where noise has other random numbers in it, models are simulated with chance that is larger than what they do."""
+    problem: Any = FakeProblem(strength=3.0, chance=2.0)
+    dark, leak = found(DarkCurrent(2.0)), found(Leak(1e-9))
+    # They are 15 standard errors apart, and four simulations told them apart in 25 of 40 cases.
+    told = [separation(problem, dark, leak, seed=seed) > TIED for seed in range(100, 4100, 100)]
+    assert np.mean(told) > 0.95
 
 
 @pytest.mark.parametrize("true", [0, 1])

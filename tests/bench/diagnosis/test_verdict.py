@@ -1,0 +1,62 @@
+"""Which of the effects that were added are named where something is left that nothing explains."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.diagnosis import Diagnosis
+from bench.diagnosis.fitted import Fit
+from sim_backend.pixel import PixelModel
+
+N = 400
+
+
+def fitted(residual: Any) -> Fit:
+    return Fit(
+        model=PixelModel(), slots=(), x=np.zeros(0), start=np.zeros(0), value=np.zeros(N), ratio=np.zeros(N),
+        roots=(np.eye(N),), deviation=np.ones(N), jacobian=np.zeros((2, N, 0)), scale=1.0, residual=residual,
+    )  # fmt: skip
+
+
+def named(before: Any, after: Any) -> tuple[str, ...]:
+    """Return what is named once an effect has led from some residuals to others."""
+
+    class MadeUp(Diagnosis):
+        def __init__(self) -> None:
+            self.findings = ()
+            self._session = SimpleNamespace(problem=SimpleNamespace(measured=SimpleNamespace(points=(slice(0, N),))))  # type: ignore[assignment]
+
+    fits = [fitted(residual) for residual in (before, after)]
+    made = MadeUp()
+    fall = made._share(SimpleNamespace(fit=fits[0]), SimpleNamespace(deviance=float(np.sum(after**2))))  # type: ignore[arg-type]
+    states: Any = [
+        SimpleNamespace(fit=fit, added=added, fall=f)
+        for fit, added, f in zip(fits, (None, "leak"), (0.0, fall), strict=True)
+    ]
+    verdict, missing = made._verdict(states)
+    assert verdict == "unexplained"
+    return missing
+
+
+@pytest.fixture
+def chance() -> Any:
+    return np.random.default_rng(3).standard_normal(N)
+
+
+def test_what_explains_nearly_all_is_named(chance: Any) -> None:
+    assert named(chance + 30.0 * np.ones(N), chance + 3.0 * np.ones(N)) == ("leak",)
+
+
+def test_what_leaves_much_is_not(chance: Any) -> None:
+    assert named(chance + 30.0 * np.ones(N), chance + 18.0 * np.ones(N)) == ()
+
+
+def test_what_lets_a_little_more_be_expected_of_a_few_statistics_is_not(chance: Any) -> None:
+    """Where nothing was to be expected a few statistics make all of the deviance; they are as wrong as before."""
+    few, rest = np.zeros(N), np.ones(N)
+    few[:3], rest[:3] = 1.0, 0.0
+    assert named(chance + 8.0 * rest + 300.0 * few, chance + 8.0 * rest + 100.0 * few) == ()
