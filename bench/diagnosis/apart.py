@@ -30,7 +30,7 @@ _OTHER_SEED: Final = 7919
 
 def differences(
     problem: Problem, fit: Fit, base: Sequence[PixelModel], others: Sequence[Sequence[PixelModel]], seed: int,
-    effort: float, times: int,
+    effort: float, times: int, *, plain: bool = False,
 ) -> list[Floats]:  # fmt: skip
     """Return how some models differ from a base model: (times, n) whitened for each, once for every simulation.
 
@@ -40,12 +40,16 @@ def differences(
         A model for each point.
     effort
         Of one simulation.
+    plain
+        Keep what is mostly chance. Without it the difference has less chance, and is too small where the models do
+        not share their random numbers, as with an effect that draws its own.
     """
     found: list[list[Floats]] = [[] for _ in others]
     for number in range(times):
         changes = problem.changes(base, others, seed + _OTHER_SEED * number, effort)
         for known, both in zip(found, changes, strict=True):
-            known.append(fit.whiten(reliable(problem, fit, both).mean(axis=0), problem.measured.points))
+            halves = np.where(fit.known, both.halves, 0.0) if plain else reliable(problem, fit, both)
+            known.append(fit.whiten(halves.mean(axis=0), problem.measured.points))
     return [np.stack(known) for known in found]
 
 

@@ -27,10 +27,11 @@ __all__ = ["TIED", "closest", "nearer", "separation", "stand_in"]
 
 #: Separation, in standard errors, below which two effects cannot be told apart.
 TIED: Final = 2.0
-#: Effort of a simulation of two models, and how many there are; and both where these leave it in doubt.
+#: Effort of a simulation of two models, and how many there are; and both where these leave it in doubt, and chance
+#: is small enough then that none of it needs to be taken off.
 _EFFORT: Final = 1.0
 _TIMES: Final = 4
-_DOUBTFUL: Final = (3.0, 6)
+_DOUBTFUL: Final = (10.0, 4)
 _OTHER_SEED: Final = 3
 #: No residual of the sum of two, and no statistic of a difference, counts for more standard errors.
 _MOST: Final = 10.0
@@ -59,7 +60,7 @@ def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
     basis = basis_of(one.fit, problem, without=one.effect)
     change = _apart(problem, one, basis, [models], seed, _EFFORT, _TIMES)[0]
     if _is_doubtful(change):
-        change = _apart(problem, one, basis, [models], seed + _OTHER_SEED, *_DOUBTFUL)[0]
+        change = _apart(problem, one, basis, [models], seed + _OTHER_SEED, *_DOUBTFUL, plain=True)[0]
     return _length(change)
 
 
@@ -91,7 +92,7 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
         return _CLEAR
     looks = place.apart((0.0, size), seed + 1, _EFFORT, _TIMES)
     if _is_doubtful(_at_its_best(*looks)):
-        looks = place.apart((0.0, size), seed + 1 + _OTHER_SEED, *_DOUBTFUL)
+        looks = place.apart((0.0, size), seed + 1 + _OTHER_SEED, *_DOUBTFUL, plain=True)
     return min(_length(_at_its_best(*looks)), _CLEAR)
 
 
@@ -117,10 +118,12 @@ class _Place:
             model += sized(self._other, size, self._problem.given.get(self._other.id))
         return self._problem.models(model, self._slots, self._numbers)
 
-    def apart(self, sizes: Sequence[float], seed: int, effort: float, times: int) -> list[Floats]:
+    def apart(
+        self, sizes: Sequence[float], seed: int, effort: float, times: int, *, plain: bool = False
+    ) -> list[Floats]:
         """Return for each size (times, n) how the models differ from the fitted one."""
         others = [self.models(size) for size in sizes]
-        return _apart(self._problem, self._one, self._basis, others, seed, effort, times)
+        return _apart(self._problem, self._one, self._basis, others, seed, effort, times, plain=plain)
 
     def size(self, seed: int) -> tuple[float, Floats | None]:
         """Return the size at which the other effect comes closest, and (times, n) how the models differ there.
@@ -155,11 +158,11 @@ def _share(null: Floats, here: Floats) -> float:
 
 def _apart(
     problem: Problem, one: Found, basis: Floats, others: Sequence[Sequence[PixelModel]], seed: int, effort: float,
-    times: int,
+    times: int, *, plain: bool = False,
 ) -> list[Floats]:  # fmt: skip
     """Return (times, n) how some models differ from a fitted one beyond a basis, whitened."""
     base = problem.models(one.fit.model, one.fit.slots, one.fit.x)
-    found = differences(problem, one.fit, base, others, seed, effort, times)
+    found = differences(problem, one.fit, base, others, seed, effort, times, plain=plain)
     return [beyond(basis, extended(one.fit, change.T)).T for change in found]
 
 

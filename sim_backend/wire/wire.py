@@ -82,8 +82,10 @@ class Wire(ABC):
         if due is None:
             self.firmware.obey(request, self._send)
         elif due.fault is Fault.UNPLUGGED:
+            # Before anybody notices that it is out, and lets time pass.
+            until_ns = None if self.clock is None else self.clock.now_ns + to_ns(due.seconds)
             self._unplug()
-            self._wait_for_the_cable(due.seconds)
+            self._wait_for_the_cable(due.seconds, until_ns)
             self._plug_in()
         elif due.fault is Fault.REBOOT:
             self.firmware.reboot(self._send)
@@ -94,12 +96,11 @@ class Wire(ABC):
                 time.sleep(due.seconds)
             self._send(self._spoilt(bytes(sent), due))
 
-    def _wait_for_the_cable(self, seconds: float) -> None:
-        """Wait until it is put back: by somebody, or when so much time has passed, real or on the world's clock."""
+    def _wait_for_the_cable(self, seconds: float, until_ns: int | None) -> None:
+        """Wait until it is put back: by somebody, or after these real seconds, or at a time of the world's clock."""
         until_s = time.monotonic() + seconds
-        until_ns = None if self.clock is None else self.clock.now_ns + to_ns(seconds)
         while not self._put_back.wait(min(_LOOK_S, max(0.0, until_s - time.monotonic()))):
-            if time.monotonic() >= until_s or (self.clock and until_ns and self.clock.now_ns >= until_ns):
+            if time.monotonic() >= until_s or (self.clock and until_ns is not None and self.clock.now_ns >= until_ns):
                 break
         self._put_back.clear()
 

@@ -104,7 +104,7 @@ def test_another_effect_is_told_apart_in_any_size(dark_fa: float) -> None:
 
 
 def test_what_four_simulations_leave_in_doubt_is_simulated_more_often() -> None:
-    """Where noise has other random numbers in it, models are simulated with chance that is larger than what they do."""
+    """Where noise has its own random numbers, chance is larger than what the models do differently."""
     problem: Any = FakeProblem(strength=3.0, chance=2.0)
     dark, leak = found(DarkCurrent(2.0)), found(Leak(1e-9))
     # They are 15 standard errors apart, and four simulations told them apart in 25 of 40 cases.

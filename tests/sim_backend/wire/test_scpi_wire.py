@@ -251,6 +251,24 @@ def test_the_time_that_a_cable_is_out_passes_on_the_clock_of_the_world_too(make:
     assert bench.caller.ask("*IDN?").startswith("Rigol")
 
 
+def test_time_that_passes_as_soon_as_the_cable_is_out_counts(make: Callable[[str], Bench]) -> None:
+    """The driver may notice, and sleep, before the wire's own thread goes on."""
+    bench = make("rigol")
+    address, bench.wire.clock = bench.wire.address, bench.world.clock
+    hang_up = bench.wire._hang_up
+
+    def hang_up_and_sleep() -> None:
+        hang_up()
+        bench.world.clock.sleep(601.0)
+
+    bench.wire._hang_up = hang_up_and_sleep  # type: ignore[method-assign]
+    bench.wire.faults.plan(FaultPlan(Fault.UNPLUGGED, 0, seconds=600.0))
+    assert bench.caller.ask("*IDN?") == ""
+    bench.caller.close()
+    bench.caller = patient_caller(address)
+    assert bench.caller.ask("*IDN?").startswith("Rigol")
+
+
 def test_another_driver_may_come_when_the_first_has_gone(make: Callable[[str], Bench]) -> None:
     bench = make("rigol")
     bench.caller.close()
