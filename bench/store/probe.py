@@ -45,9 +45,9 @@ def probe(paths: Iterable[Path]) -> None:
     if not unknown:
         return
     survived, how = _read_in_child(unknown)
+    remember(unknown[:survived])
     if survived < len(unknown):
         raise RunError(f"{unknown[survived]}: damaged: the HDF5 library {how} on it")
-    remember(unknown)
 
 
 def remember(paths: Iterable[Path]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 from dataclasses import dataclass, replace
@@ -98,16 +99,19 @@ class Run:
         RunError
             If there were points, and none is left: a line for each.
         """
-        kept, damaged = [], []
-        for file in self.files:
+        doubtful = [file for file in self.files if not _is_as_written(file)]
+        with contextlib.suppress(RunError):  # at one go, a child process for each file takes long; if need be, below
+            probe(file.path for file in doubtful)
+        damaged = {}
+        for file in doubtful:
             try:
                 _require_sound(file, self.header.roi)
-                kept.append(file)
             except RunError as error:
-                damaged.append(str(error))
+                damaged[file.path] = str(error)
+        kept = tuple(file for file in self.files if file.path not in damaged)
         if damaged and not kept:
-            raise RunError(*damaged)
-        return replace(self, files=tuple(kept), damaged=(*self.damaged, *damaged))
+            raise RunError(*damaged.values())
+        return replace(self, files=kept, damaged=(*self.damaged, *damaged.values()))
 
     def verify(self) -> None:
         """Read every point to its last event, and compare checksums with the journal.
@@ -157,19 +161,22 @@ class Run:
         """Raise if the HDF5 library would not survive a file; see :mod:`bench.store.probe`."""
         doubtful = [file for file in self.files if not is_known(file.path)]
         for file in doubtful:
-            if file.sha256 is not None and sha256_of(file.path) == file.sha256:
-                remember([file.path])
-            elif file.sha256 is not None:
+            if not _is_as_written(file) and file.sha256 is not None:
                 _changed.add(file.path)
                 _log.warning("%s: the file was changed since it was written", file.path)
         probe(file.path for file in doubtful)
 
 
-def _require_sound(file: PointFile, window: Roi) -> None:
-    """Raise :class:`RunError` if `file` is not as it was written, and cannot be read to its last event."""
-    if file.sha256 is not None and sha256_of(file.path) == file.sha256:
+def _is_as_written(file: PointFile) -> bool:
+    """Return whether `file` has the checksum of the journal; then it can be read."""
+    same = file.sha256 is not None and sha256_of(file.path) == file.sha256
+    if same:
         remember([file.path])
-        return
+    return same
+
+
+def _require_sound(file: PointFile, window: Roi) -> None:
+    """Raise :class:`RunError` if `file` cannot be read to its last event."""
     probe([file.path])
     point = read_point(file.path, window)
     for _ in read_events(file.path, roi=point.roi):
