@@ -6,6 +6,7 @@ simulating both; where that is not enough, or nothing is known, the other protoc
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from bench.diagnosis.catalogue import are_the_same
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from protocols.points import Ambient
+    from sim_backend.pixel.model import PixelModel
 
 __all__ = ["next_measurement", "protocol_for"]
 
@@ -74,14 +76,16 @@ def next_measurement(
     """
     for name, tied in ties.items():
         group = (name, *tied)
+        rivals = [stand_in(problem, Found(name, fit, 0.0), effects()[other], seed) for other in tied]
+        told = partial(_told, problem, fit, group, rivals, seed)
         known = protocol_for(group)
-        best = None if known is None else _told(known, group, _separation(problem, fit, group, known[0], seed))
+        best = None if known is None else told(known)
         if best is not None and best["separation"] >= _ENOUGH:
             return best
         for protocol in _OTHERS:
             if known is not None and protocol == known[0]:
                 continue
-            found = _told((protocol, _title(protocol)), group, _separation(problem, fit, group, protocol, seed))
+            found = told((protocol, _title(protocol)))
             if best is None or found["separation"] > best["separation"]:
                 best = found
             if best["separation"] >= _ENOUGH:
@@ -95,26 +99,34 @@ def _title(protocol: str) -> str:
     return f"{load_protocol(protocol).protocol.title} ({protocol})"
 
 
-def _told(protocol: tuple[str, str], group: Sequence[str], separation: float) -> dict[str, Any]:
+def _told(
+    problem: Problem,
+    fit: Fit,
+    group: Sequence[str],
+    rivals: Sequence[PixelModel],
+    seed: int,
+    protocol: tuple[str, str],
+) -> dict[str, Any]:
+    name, title = protocol
     return {
-        "protocol": protocol[0],
-        "title": protocol[1],
+        "protocol": name,
+        "title": title,
         "separates": list(group),
-        "minutes": round(load_protocol(protocol[0]).protocol.estimate().duration_s / 60.0, 1),
-        "separation": round(separation, 1),
+        "minutes": round(load_protocol(name).protocol.estimate().duration_s / 60.0, 1),
+        "separation": round(_separation(problem, fit, group, rivals, name, seed), 1),
     }
 
 
-def _separation(problem: Problem, fit: Fit, group: Sequence[str], protocol: str, seed: int) -> float:
+def _separation(
+    problem: Problem, fit: Fit, group: Sequence[str], rivals: Sequence[PixelModel], protocol: str, seed: int
+) -> float:
     """Return by how many standard errors a protocol tells the first effect from the nearest of the others."""
     like = problem.points[0]
     planned = load_protocol(protocol).protocol.expand()
-    one = Found(group[0], fit, 0.0)
     # What is the same to a pixel is not so behind a shroud.
     covered: Ambient | None = (
         "shrouded" if any(are_the_same(group[0], other, problem.points) for other in group[1:]) else None
     )
     points = planned_points(planned, like, fit.model, covered)
     of_all = len(planned) / len(points) * like.roi.pixels / points[0].roi.pixels
-    rivals = [stand_in(problem, one, effects()[other], seed) for other in group[1:]]
     return min(apart_at(problem, fit, rival, points, of_all, seed + 1) for rival in rivals)

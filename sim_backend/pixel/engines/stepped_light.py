@@ -43,9 +43,6 @@ _DIMMEST: Final = 1e-4
 #: constants it has settled.
 _PART_OF_TAU: Final = 0.2
 _SETTLED_TAUS: Final = 10.0
-#: Two rates that are closer, relatively, are taken to be so far apart; the fastest, in a sample.
-_NOT_THE_SAME: Final = 0.01
-_FASTEST: Final = 100.0
 
 
 def with_stairs(
@@ -77,8 +74,9 @@ def cut_for_memory(chain: Chain, light: LightHistory, duration_s: float) -> Ligh
     settled_s = _SETTLED_TAUS / (2.0 * math.pi * slowest_hz)
     ends = np.append(light.t_s[1:], duration_s)
     parts = np.minimum(ends - light.t_s, settled_s) / part_s
-    cuts = [t + part_s * np.arange(1.0, max(n, 1.0)) for t, n in zip(light.t_s, parts, strict=True)]
-    t_s = _cut(light.t_s, np.concatenate(cuts))
+    long = parts > 1.0
+    cuts = [t + part_s * np.arange(1.0, n) for t, n in zip(light.t_s[long], parts[long], strict=True)]
+    t_s = _cut(light.t_s, np.concatenate([np.empty(0), *cuts]))
     level = np.searchsorted(light.t_s, t_s, side="right") - 1
     nd_od, room = np.asarray(light.nd_od)[level], np.asarray(light.room_lux)[level]
     return LightHistory(t_s, light.lux[level], light.rise_tau_s, nd_od, room)
@@ -90,29 +88,16 @@ def memory_slopes(chain: Chain, light: LightHistory, dt_s: float, seed: int, dur
     It follows the output of the source follower, ``dL/dt = w (V - L)``, that the photoreceptor,
     ``dV/dt = c (P - V)``, and that the settled level u, ``dP/dt = r (u - P)``. All have that of the mean pixel.
     """
+    from sim_backend.pixel.engines.memory_kernels import remember
+
     on_chip = ChipLight(chain, light, dt_s, seed)
     settled = np.log(np.maximum(_current_fa(chain, on_chip.settled_lux), LOWEST_CURRENT_FA))
     w, c = (2.0 * math.pi * hz * dt_s for hz in (chain.high_pass_hz, chain.corner_hz))
-    c = _apart(c, w)
     receptor = 2.0 * math.pi * dt_s * _receptor_hz(chain, on_chip.settled_lux)
     samples = np.diff(np.append(on_chip.first, max(round(duration_s / dt_s), on_chip.first[-1])))
     slopes = np.zeros(len(settled))
-    p = v = remembered = settled[0]
-    for i, (u, most, n) in enumerate(zip(settled, receptor, samples, strict=True)):
-        r = _apart(_apart(min(most, _FASTEST), w), c)
-        slow, fast, first = math.exp(-w * n), math.exp(-c * n), math.exp(-r * n)
-        of_p = (p - u) * c / (c - r)
-        of_v = v - u - of_p
-        rest = remembered - u - of_v * w / (w - c) - of_p * w / (w - r)
-        end = u + rest * slow + of_v * w / (w - c) * fast + of_p * w / (w - r) * first
-        slopes[i] = (end - remembered) / n if n > 0 else 0.0
-        p, v, remembered = u + (p - u) * first, u + of_v * fast + of_p * first, end
+    remember(w, c, receptor, settled, samples, slopes)
     return slopes
-
-
-def _apart(rate: float, other: float) -> float:
-    """Return a rate that is not that of another: the solutions are sums of different exponentials."""
-    return rate if abs(rate / other - 1.0) > _NOT_THE_SAME else other * (1.0 + _NOT_THE_SAME)
 
 
 def _current_fa(chain: Chain, lux: Floats) -> Floats:

@@ -24,10 +24,14 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[str, float]], list[
     def with_separations(known: dict[str, float]) -> list[str]:
         tried: list[str] = []
 
-        def separation(_: Any, __: Any, group: Sequence[str], protocol: str, ___: int) -> float:
+        def separation(
+            _: Any, __: Any, group: Sequence[str], rivals: Sequence[str], protocol: str, ____: int
+        ) -> float:
+            assert list(rivals) == [f"with {other}" for other in group[1:]]
             tried.append(protocol)
             return known.get(protocol, 0.0)
 
+        monkeypatch.setattr(module, "stand_in", lambda _, __, other, ___: f"with {other.id}")
         monkeypatch.setattr(module, "_separation", separation)
         return tried
 
