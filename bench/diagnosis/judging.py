@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.drawn import drawn_variance
 from bench.diagnosis.fitted import live, prior_precision, solve
 from bench.diagnosis.result import Error, Misfit, Step, Value
 
@@ -129,8 +130,10 @@ def heldout(problem: Problem, one: Fit) -> float:
 
 
 def values_of(problem: Problem, one: Fit) -> dict[str, Value]:
-    """Return the fitted numbers with 90 % intervals."""
-    sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
+    """Return the fitted numbers with 90 % intervals: those of sensors of this kind, of which this one was drawn."""
+    drawn = drawn_variance(one.slots, one.x, max(p.roi.pixels for p in problem.points))
+    simulated = 0.0 if one.frozen is None else one.frozen
+    sd = np.sqrt(np.diag(one.covariance(problem.measured.points)) + np.maximum(drawn - simulated, 0.0))
     found = {}
     for slot, x, s in zip(one.slots, one.x, sd, strict=True):
         outer = np.clip([x - _NINETY * s, x + _NINETY * s], *slot.free.range)

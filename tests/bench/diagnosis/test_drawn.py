@@ -1,0 +1,84 @@
+"""How much sensors of one kind differ is known from the number of their pixels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.catalogue import free_of
+from bench.diagnosis.drawn import drawn_variance
+from bench.diagnosis.parameters import base_parameters
+from bench.diagnosis.problem import Slot
+from sim_backend.pixel.effects.registry import effects
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float64]
+
+PIXELS, SENSORS = 256, 4000
+#: A sample variance of so many sensors is known to 2.2 %, of nearly normal numbers.
+REL: Final = 4.0 * np.sqrt(2.0 / SENSORS)
+
+KNOWN = {
+    "hot_pixels.fraction": 0.04,
+    "hot_pixels.rate_hz": 3.0,
+    "threshold_mismatch.sigma_on": 0.03,
+    "threshold_mismatch.sigma_off": 0.05,
+    "refractory_mismatch.spread": 0.3,
+    "thresholds.on": 0.25,
+    "thresholds.off": 0.3,
+    "noise_floor.rms": 0.03,
+    "source_follower_bandwidth.corner_hz": 100.0,
+    "refractory_period.period_s": 2e-3,
+}
+
+
+def numbers(*ids: str) -> tuple[list[Slot], Floats]:
+    free = [*base_parameters(refractory_known=True), *(f for i in ids for f in free_of(effects()[i]))]
+    return [Slot(f) for f in free], np.array([f.coordinate(KNOWN[f.key]) for f in free])
+
+
+def share(rng: np.random.Generator) -> Floats:
+    return np.asarray(np.mean(rng.random((SENSORS, PIXELS)) < 0.04, axis=1))
+
+
+def spread_on(rng: np.random.Generator) -> Floats:
+    return np.asarray(np.std(0.03 * rng.standard_normal((SENSORS, PIXELS)), axis=1, ddof=1))
+
+
+def mean_off(rng: np.random.Generator) -> Floats:
+    return np.asarray(np.mean(0.3 + 0.05 * rng.standard_normal((SENSORS, PIXELS)), axis=1))
+
+
+def dead_time_s(rng: np.random.Generator) -> Floats:
+    return np.asarray(2e-3 * np.exp(np.mean(0.3 * rng.standard_normal((SENSORS, PIXELS)), axis=1)))
+
+
+@pytest.mark.parametrize(
+    ("key", "drawn"),
+    [
+        ("hot_pixels.fraction", share),
+        ("threshold_mismatch.sigma_on", spread_on),
+        ("thresholds.off", mean_off),
+        ("refractory_period.period_s", dead_time_s),
+    ],
+)
+def test_it_is_what_drawn_sensors_show(key: str, drawn: Callable[[np.random.Generator], Floats]) -> None:
+    slots, x = numbers("hot_pixels", "threshold_mismatch", "refractory_mismatch")
+    free = next(s.free for s in slots if s.free.key == key)
+    shown = [free.coordinate(float(v)) for v in drawn(np.random.default_rng(1))]
+    found = dict(zip((s.free.key for s in slots), drawn_variance(slots, x, PIXELS), strict=True))
+    assert found[key] == pytest.approx(np.var(shown), rel=REL)
+
+
+def test_what_is_the_same_in_all_pixels_is_the_same_in_all_sensors() -> None:
+    slots, x = numbers()
+    assert not drawn_variance(slots, x, PIXELS).any()
+    slots, x = numbers("hot_pixels")
+    found = dict(zip((s.free.key for s in slots), drawn_variance(slots, x, PIXELS), strict=True))
+    assert [key for key, variance in found.items() if variance > 0.0] == ["hot_pixels.fraction"]
