@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.planted import sizes
+from benchmarks.planted.falls import believed, fall
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,7 +65,7 @@ def test_chance_in_the_changes_leaves_no_size() -> None:
     true = np.concatenate([60.0 * corner, 50.0 * corner + 5.0 * clock], axis=1)
     apart = true @ np.array([-0.2, 1.5])
     seen = [
-        sizes.fall(
+        fall(
             (apart + rng.standard_normal(STATISTICS), apart + rng.standard_normal(STATISTICS)),
             (true + rng.standard_normal(true.shape), true + rng.standard_normal(true.shape)),
             np.zeros(2),
@@ -78,7 +79,7 @@ def test_what_is_known_beforehand_takes_up_less() -> None:
     change = np.zeros((STATISTICS, 1))
     change[0] = 3.0
     apart = 4.0 * change[:, 0]
-    known = sizes.fall((apart, apart), (change, change), np.array([9.0]))
+    known = fall((apart, apart), (change, change), np.array([9.0]))
     assert known == pytest.approx(72.0)  # half of 12 squared: 9 of the data and 9 beforehand
 
 
@@ -90,8 +91,8 @@ def test_numbers_of_which_nothing_shows_take_up_nothing() -> None:
         apart = np.zeros(STATISTICS)
         apart[0] = 40.0
         chance = rng.standard_normal((2, STATISTICS, 3)) * 2.0
-        changes = sizes._believed(*chance)
-        falls.append(sizes.fall((apart, apart), changes, np.array([0.0, 1.0, 0.0])))
+        changes = believed(*chance)
+        falls.append(fall((apart, apart), changes, np.array([0.0, 1.0, 0.0])))
     # One in a thousand such columns stands out by three standard errors.
     assert falls == pytest.approx([1600.0] * len(falls))
 
@@ -100,6 +101,6 @@ def test_what_shows_clearly_is_believed() -> None:
     rng = np.random.default_rng(1)
     true = np.zeros((STATISTICS, 1))
     true[:20] = 30.0
-    first, second = sizes._believed(*(true + rng.standard_normal((STATISTICS, 1)) for _ in range(2)))
-    left = sizes.fall((5.0 * true[:, 0],) * 2, (first, second), np.zeros(1))
+    first, second = believed(*(true + rng.standard_normal((STATISTICS, 1)) for _ in range(2)))
+    left = fall((5.0 * true[:, 0],) * 2, (first, second), np.zeros(1))
     assert abs(left) < 0.01 * 25.0 * float(np.sum(true**2))
