@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["cut_for_memory", "memory_slopes", "with_stairs"]
 
-#: Stairs in a period of flicker at the least: the mean of each follows it, less 1.6 %.
+#: Stairs in a period of flicker at the least.
 _STAIRS: Final = 10.0
 #: and none is higher than this, relatively.
 _HIGHEST: Final = 0.04
@@ -127,14 +127,18 @@ def _flicker_stair_s(chain: Chain, dt_s: float) -> float:
 
 
 def _flicker(chain: Chain, seed: int, stair_s: float, t_s: Floats) -> Floats:
-    """Return the mean over the stair at each time, to one of the phases."""
+    """Return the height of the stair at each time, to one of the phases.
+
+    What low-passes leave of stairs is their first harmonic: that is as deep as the flicker if stairs are higher than
+    it by as much as they lose, which is sinc(f T) for stairs of length T.
+    """
     if chain.flicker_depth == 0.0:
         return np.ones(len(t_s))
     middle = (np.floor(t_s / stair_s) + 0.5) * stair_s
     turns = chain.flicker_hz * middle + flicker_phase(chain, seed) / (2.0 * math.pi)
     phase = np.mod(np.floor(turns * _PHASES), _PHASES) + 0.5
-    mean = np.sinc(chain.flicker_hz * stair_s) * np.sin(2.0 * math.pi * phase / _PHASES)
-    return np.asarray(1.0 + np.round(chain.flicker_depth * mean, _DIGITS))
+    height = np.sin(2.0 * math.pi * phase / _PHASES) / np.sinc(chain.flicker_hz * stair_s)
+    return np.asarray(1.0 + np.round(chain.flicker_depth * height, _DIGITS))
 
 
 def _drift_cuts(chain: Chain, duration_s: float) -> Floats:
