@@ -137,7 +137,6 @@ def _make_tables(connection: sqlite3.Connection) -> None:
     """Make the table anew: the index is empty, or of another version."""
     kinds = {"int": "INTEGER", "str": "TEXT", "float | None": "REAL"}
     columns = ", ".join(f"{f.name} {kinds[str(f.type)]}" for f in fields(RunEntry))
-    connection.execute("PRAGMA journal_mode = WAL")
     with connection:
         connection.execute("BEGIN IMMEDIATE")
         if connection.execute("PRAGMA user_version").fetchone() == (_SCHEMA,):

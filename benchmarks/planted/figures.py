@@ -22,12 +22,12 @@ __all__ = ["draw_confusion", "draw_detection"]
 _COLOUR: Final = style.POLARITY_COLOURS["on"]
 _WRONG: Final = style.POLARITY_COLOURS["off"]
 _LEAST: Final = 0.5  #: smaller sizes are drawn here
-_MARGIN: Final = 0.06
+_MARGIN: Final = 0.1
 
 
 def draw_detection(bins: Sequence[Bin], cases: Sequence[Tried]) -> Figure:
     """Draw the share of single effects that are named first against their size, and each case as a mark."""
-    figure = style.new_figure(3.6)
+    figure = style.new_figure(4.0)
     ax = figure.subplots()
     single = [c for c in cases if c.kind == "single"]
     for right, place, colour, label in ((True, 1.0 + _MARGIN, _COLOUR, "a case that is named first"),
@@ -50,8 +50,8 @@ def draw_detection(bins: Sequence[Bin], cases: Sequence[Tried]) -> Figure:
     ax.minorticks_off()
     ax.set_xlabel("size of the effect (standard errors)")
     ax.set_ylabel("named first")
-    ax.set_ylim(-0.12, 1.12)
-    ax.legend(loc="center right")
+    ax.set_ylim(-0.16, 1.16)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.02), ncols=3)
     return figure
 
 

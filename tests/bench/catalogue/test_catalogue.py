@@ -7,6 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -259,6 +260,22 @@ def test_two_processes_at_once(make_run: Callable[..., Path], runs: Path) -> Non
     for process in both:
         _, error = process.communicate(timeout=60)
         assert process.returncode == 0, error
+    assert read_catalogue(runs).read == 0
+
+
+def test_an_index_that_another_process_is_making_is_waited_for(make_run: Callable[..., Path], runs: Path) -> None:
+    make_run("run-0")
+    other = sqlite3.connect(runs / INDEX_FILE, isolation_level=None, check_same_thread=False)
+    other.execute("BEGIN IMMEDIATE")
+    release = threading.Timer(0.3, lambda: other.execute("COMMIT"))
+    release.start()
+    try:
+        found = read_catalogue(runs)
+    finally:
+        release.join()
+        other.close()
+    assert found.problem == ""
+    assert len(found.entries) == 1
     assert read_catalogue(runs).read == 0
 
 
