@@ -320,6 +320,7 @@ class Diagnosis:
     def _look(self, fitted: Fit, added: str | None, fall: float) -> _State:
         number = len(self._states)
         fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
+        fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
         self._say(f"step {number}: looking for what is missing")
         possible = candidates(fitted.model, self.problem.points, without=self._without)
         seed = self._seed + 100 * number + 17

@@ -11,6 +11,8 @@ from bench.compute import Workforce
 from bench.diagnosis.approach import approach
 from bench.diagnosis.fit import finish, fit
 from bench.diagnosis.forward import Forward
+from bench.diagnosis.judging import deviance_per_dof
+from bench.diagnosis.phase_search import sharper_phases
 from bench.diagnosis.phases import phases_of
 from bench.diagnosis.problem import Problem
 from bench.diagnosis.ripple import with_ripple
@@ -37,6 +39,10 @@ _BLUR: Final = 0.5
 _MOST_PIXELS: Final = 4096
 #: Frequencies of a ripple are the same when they agree to this.
 _SAME_HZ: Final = 1e-3
+#: Phases and fit follow each other so often at the most, in so many steps, while the error falls by this share.
+_ROUNDS: Final = 3
+_STEPS: Final = 3
+_BETTER: Final = 0.05
 
 
 class Session:
@@ -66,21 +72,40 @@ class Session:
         starts = self.problem.starts(self.model, by_eye=self.by_eye)
         found = fit(self.problem, self.model, slots, starts, seed=seed)
         given = self.problem.given.get(LightFlicker.id)
-        own = self.model.effect(LightFlicker.id)
-        if given is None:
+        if given is None or (self.model.effect(LightFlicker.id) is not None and not self._has_the_ripple(self.model)):
             return found
-        ripple, hz = LightFlicker(**given), given["frequency_hz"]
-        if isinstance(own, LightFlicker) and not math.isclose(own.frequency_hz, hz, rel_tol=_SAME_HZ):
-            return found  # the model has another one
         models = self.problem.models(found.model.without(LightFlicker.id), found.slots, found.x)
         grid_s = self.problem.forward.dt_s
-        phases = phases_of(self.problem.points, models, ripple, grid_s, seed + 7)
+        phases = phases_of(self.problem.points, models, LightFlicker(**given), grid_s, seed + 7)
         self.problem = replace(self.problem, phases=tuple(phases))
-        if own is None:
+        if not self._has_the_ripple(self.model):
             return found
         # Until now it was any phase.
         again = approach(self.problem, self.model, slots, list(found.x), seed=seed + 8, prior=found.start)
-        return finish(self.problem, again)
+        return self.in_phase(finish(self.problem, again), seed + 9)
+
+    def in_phase(self, found: Fit, seed: int) -> Fit:
+        """Return a fit, or a better one in which the ripple has the phases that the fitted model asks for."""
+        for number in range(_ROUNDS if self._has_the_ripple(found.model) else 0):
+            own = seed + 10 * number
+            turned = replace(self.problem, phases=tuple(sharper_phases(self.problem, found, own)))
+            near = approach(
+                turned, found.model, found.slots, list(found.x), seed=own + 1, iterations=_STEPS, prior=found.start
+            )
+            again = finish(turned, near)
+            better = deviance_per_dof(turned, again) / deviance_per_dof(self.problem, found)
+            if better < 1.0:
+                self.problem, found = turned, again
+            if better > 1.0 - _BETTER:
+                break
+        return found
+
+    def _has_the_ripple(self, model: PixelModel) -> bool:
+        """Return whether a model has the ripple that can be seen in the run, at a phase that is open."""
+        given, own = self.problem.given.get(LightFlicker.id), model.effect(LightFlicker.id)
+        if given is None or not isinstance(own, LightFlicker) or own.phase is not None:
+            return False
+        return math.isclose(own.frequency_hz, given["frequency_hz"], rel_tol=_SAME_HZ)
 
 
 @contextmanager

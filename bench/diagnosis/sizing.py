@@ -67,6 +67,7 @@ def probe(
     if gross:
         return _of_gross(problem, fit, effects, seed)
     found = well_sized(problem, fit, effects, seed, _NEAR_EFFORT, seen)
+    found = _of_either_sign(problem, fit, found, seed, _NEAR_EFFORT)
     shares, falls = _expected(problem, fit, found)
     best = [int(i) for i in np.argsort(falls)[-_CLOSER:]]
     sizes = [np.where(shares[i] >= BEYOND, BEYOND, 1.0) for i in best]
@@ -88,7 +89,7 @@ def probe(
 def _of_gross(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int) -> list[Probe]:
     """Return a probe of each effect, of the catalogue's size; of the size that is expected if it promises much."""
     wanted = [(e, (1.0,) * len(switches(e))) for e in effects]
-    found = probes_at(problem, fit, wanted, seed, _FAR_EFFORT)
+    found = _of_either_sign(problem, fit, probes_at(problem, fit, wanted, seed, _FAR_EFFORT), seed, _FAR_EFFORT)
     for _ in range(_ROUNDS):
         shares, falls = _expected(problem, fit, found)
         factors = {int(i): _other_size(found[i], shares[i]) for i in np.argsort(falls)[-_PROMISING:]}
@@ -118,6 +119,23 @@ def _with_what_is_seen(
     wanted = [(found[i].effect, (seen[i].factor,) * len(found[i].at)) for i in better]
     for i, one in zip(better, probes_at(problem, fit, wanted, seed, _FAR_EFFORT), strict=True):
         found[i] = replace(one, falls_by=seen[i].fall)
+    return found
+
+
+def _of_either_sign(problem: Problem, fit: Fit, probes: Sequence[Probe], seed: int, effort: float) -> list[Probe]:
+    """Return the probes; those of a number that has either sign in the sign that is expected to explain more.
+
+    Light that falls does not take away the events that rising light would send: nothing is less than no event.
+    """
+    found = list(probes)
+    signed = [i for i, one in enumerate(probes) if all(free.range[0] < 0.0 for free in one.free)]
+    if not signed:
+        return found
+    turned = [np.full(len(probes[i].at), -1.0) for i in signed]
+    others = closer(problem, fit, [probes[i] for i in signed], turned, seed, effort)
+    for i, other in zip(signed, others, strict=True):
+        falls = _expected(problem, fit, [found[i], other])[1]
+        found[i] = other if falls[1] > falls[0] else found[i]
     return found
 
 

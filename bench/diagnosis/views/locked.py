@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.recording import Recording
     from bench.diagnosis.views.base import Part
 
-__all__ = ["Locked"]
+__all__ = ["Locked", "LockedAcross"]
 
 _PARTS: Final[tuple[Part, Part]] = ("off", "on")
 
@@ -30,14 +31,29 @@ class Locked(View):
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the amplitude of each polarity."""
-        lock = recording.frame.lock
-        if lock is None:
-            return
-        seconds = np.full(recording.pixels, lock.seconds)
-        least = 1.0 / (recording.frame.pixels * lock.seconds)
-        for polarity, part in enumerate(_PARTS):
-            mine = recording.p == polarity
-            phase = float(recording.frame.point.attributes[f"ripple_{part}_rad"])
-            along = np.real(lock.of(recording.t_us[mine]) * np.exp(-1j * phase))
-            top = np.bincount(recording.pixel[mine], weights=along, minlength=recording.pixels).astype(np.float64)
-            yield Statistic(part, "difference", top, seconds, unit="Hz", least=least)
+        yield from _amplitudes(recording, 0.0)
+
+
+class LockedAcross(View):
+    """The same a quarter of a turn from the phase that the run has: none in the run, so that its phase is seen."""
+
+    id: ClassVar[str] = "locked_across"
+    title: ClassVar[str] = "rate of events locked to a ripple at another phase, Hz"
+
+    def look(self, recording: Recording) -> Iterator[Statistic]:
+        """Yield the amplitude of each polarity."""
+        yield from _amplitudes(recording, 0.5 * math.pi)
+
+
+def _amplitudes(recording: Recording, later_rad: float) -> Iterator[Statistic]:
+    lock = recording.frame.lock
+    if lock is None:
+        return
+    seconds = np.full(recording.pixels, lock.seconds)
+    least = 1.0 / (recording.frame.pixels * lock.seconds)
+    for polarity, part in enumerate(_PARTS):
+        mine = recording.p == polarity
+        phase = float(recording.frame.point.attributes[f"ripple_{part}_rad"]) + later_rad
+        along = np.real(lock.of(recording.t_us[mine]) * np.exp(-1j * phase))
+        top = np.bincount(recording.pixel[mine], weights=along, minlength=recording.pixels).astype(np.float64)
+        yield Statistic(part, "difference", top, seconds, unit="Hz", least=least)

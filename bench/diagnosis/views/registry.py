@@ -16,7 +16,7 @@ from bench.diagnosis.views.background import (
     SamePolarity,
 )
 from bench.diagnosis.views.latency import Latency, LatencySpread, SecondEvent
-from bench.diagnosis.views.locked import Locked
+from bench.diagnosis.views.locked import Locked, LockedAcross
 from bench.diagnosis.views.response import ExtraEvents, OtherPolarity, Response
 from bench.diagnosis.views.scatter import CommonMode, Halves, PixelSpread, Succession
 from bench.diagnosis.views.user_file import read_view_file
@@ -53,6 +53,7 @@ VIEWS: Final[tuple[View, ...]] = (
     Outliers(),
     Burst(),
     Locked(),
+    LockedAcross(),
 )
 
 _FILES: Final[dict[Path, ViewSource]] = {}

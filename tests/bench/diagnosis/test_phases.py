@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from bench.diagnosis.phase_search import sharper_phases
 from bench.diagnosis.phases import phases_of, with_phases
 from bench.diagnosis.recording import Frame, Recording
-from bench.diagnosis.ripple import with_ripple
+from bench.diagnosis.ripple import locked, with_ripple
+from bench.diagnosis.session import open_session
 from bench.diagnosis.summary import summarise
-from bench.diagnosis.views.locked import Locked
+from bench.diagnosis.views.locked import Locked, LockedAcross
 from bench.models.simulation import on_sensor
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import LightFlicker
@@ -43,6 +46,26 @@ def test_the_phase_is_found(point: Callable[..., Any], run_of: Callable[..., Any
     assert abs(float(np.mean(apart))) < 0.2
 
 
+@pytest.mark.parametrize("phase", [1.1, 4.0])
+def test_a_ripple_at_the_same_phase_of_every_pulse_shows_in_the_answers(
+    point: Callable[..., Any], run_of: Callable[..., Any], phase: float
+) -> None:
+    """60 Hz beside pulses of 10 Hz: six of its periods to each of theirs."""
+    ripple = replace(RIPPLE, frequency_hz=60.0)
+    asked = [point(i, contrast, periods=24, half_s=0.05) for i, contrast in enumerate((0.2, 0.26, 0.3, 0.5))]
+    run = run_of(asked, PIXEL + replace(ripple, phase=phase), 5)
+    assert [locked(taken, 60.0) for taken in run.points()] == [None] * 4
+    with open_session([run]) as session:
+        problem = replace(session.problem, phases=(None,) * 4)
+        model = on_sensor(PIXEL + ripple, run.header.sensor)
+        slots = problem.slots_of(model)
+        fitted: Any = SimpleNamespace(model=model, slots=slots, x=problem.starts(model, by_eye=False)[0])
+        found = sharper_phases(problem, fitted, seed=9)
+        assert None not in found
+        assert np.max(np.abs(np.angle(np.exp(1j * (np.array(found, np.float64) - phase))))) < 0.8
+        assert sharper_phases(replace(problem, phases=(phase,) * 4), fitted, seed=9).count(phase) >= 2
+
+
 def test_a_ripple_whose_phase_is_open_gets_that_of_the_point() -> None:
     models = [PIXEL + RIPPLE, PIXEL + replace(RIPPLE, phase=1.0), PIXEL]
     found = with_phases(models, [2.0, 2.0, 2.0])
@@ -61,6 +84,11 @@ def test_events_on_the_crest_of_a_ripple_are_locked_to_it(
     # Eight bins for each period: an event may be half a bin away from where it is counted.
     assert float(on.top.sum() / on.bottom.sum()) == pytest.approx(250 / (seconds * pixels), rel=0.08)
     assert not off.top.any()
+    _, across = LockedAcross().look(Recording(Frame(marked), marked.events()))
+    assert abs(float(across.top.sum())) < 0.4 * float(on.top.sum())
+    turned = replace(marked, attributes={**marked.attributes, "ripple_on_rad": crest - 0.5 * math.pi})
+    _, across = LockedAcross().look(Recording(Frame(turned), turned.events()))
+    assert float(across.top.sum()) == pytest.approx(float(on.top.sum()))
 
 
 def test_without_a_ripple_nothing_is_said(point: Callable[..., Any], run_of: Callable[..., Any]) -> None:

@@ -134,3 +134,29 @@ def test_what_stood_out_by_chance_is_asked_again_in_a_larger_size(
     # Its line explains two standard errors of each statistic, some 28 in all: that many are wanted.
     wanted = leak.at[0] / usual * float(np.linalg.norm(DIRECTION))
     assert wanted == pytest.approx(np.sqrt(0.2**2 * 100.0 * N - N), rel=0.05)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("gross", [True, False])
+def test_an_effect_of_either_sign_is_probed_in_the_one_that_explains_more(
+    monkeypatch: pytest.MonkeyPatch, sign: float, gross: bool
+) -> None:
+    """By hand: rising light does one thing, falling light another."""
+    drift = effects()["light_drift"]
+    rising, falling = np.where(np.arange(N) % 2, 10.0, 0.0), np.where(np.arange(N) % 2, 0.0, 10.0)
+
+    def probes_at(_: Any, __: Any, wanted: Sequence[tuple[type[Effect], Sequence[float]]], *___: Any) -> list[Probe]:
+        found = []
+        for effect, (size,) in wanted:
+            (free,) = switches(effect)
+            change = np.stack([((rising if size > 0.0 else falling) * abs(size))[:, None]] * 2)
+            found.append(Probe(effect, (free,), (free.coordinate(free.probe) * size,), change))
+        return found
+
+    monkeypatch.setattr(probing, "probes_at", probes_at)
+    monkeypatch.setattr(sizing, "probes_at", probes_at)
+    fit = fit_with(0.25 * (rising if sign > 0.0 else falling))
+    (one,) = sizing.probe(PROBLEM, fit, [drift], 1, gross, {})
+    assert np.sign(one.at[0]) == sign
+    expected = explain(fit, fit.jacobian[0], fit.residual, one)[1][0]
+    assert expected == pytest.approx(sign * 0.25 * switches(drift)[0].probe, rel=0.02)
