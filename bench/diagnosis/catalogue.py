@@ -81,7 +81,7 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "crosstalk": (("probability", "linear", 0.02, 0.9),),
     "readout_saturation": (("max_rate_eps", "inverse", 1e5, math.inf),),
     "event_rate_limit": (("max_rate_eps", "inverse", 1e5, math.inf),),
-    "timestamp_jitter": (("sigma_s", "square", 3e-4, 0.05),),
+    "timestamp_jitter": (("sigma_s", "linear", 3e-4, 0.05),),
     "trail_filter": (("window_s", "linear", 0.02, 1.0),),
 }
 

@@ -130,6 +130,9 @@ class Case:
         }
 
 
+#: Effects of which the diagnosis fits a number, and that are planted in sizes that go with its square.
+_OF_SQUARE: Final = frozenset({"timestamp_jitter"})
+
 #: The more levels, the fewer contrasts: 36 to 40 points.
 _PLANS: Final = (
     Plan((0.08, 1.0, 100.0), (0.1, 0.2, 0.25, 0.3, 0.4, 0.6, 1.0), (0.25, 0.35, 0.5, 1.0)),
@@ -261,6 +264,8 @@ def _sized(effect_id: str, size: float, rng: np.random.Generator) -> Effect:
     cls = known_effects()[effect_id]
     free = free_of(cls)
     factor = size / _AT_PROBE.get(effect_id, _USUAL)
+    if effect_id in _OF_SQUARE:
+        factor = math.sqrt(factor)
     if effect_id in _ACTS:
         name, at = _ACTS[effect_id]
         mine = next(f for f in free if f.name == name)
