@@ -15,14 +15,12 @@ import numpy as np
 
 from bench.diagnosis import robust
 from bench.diagnosis.looks import shifted
-from sim_backend.pixel.effects.light_flicker import LightFlicker
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
-    from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
 
@@ -45,14 +43,15 @@ def sharper_phases(problem: Problem, fitted: Fit, seed: int) -> list[float | Non
     Parameters
     ----------
     fitted
-        A model with a ripple.
+        A model with a ripple whose phase is open.
     """
-    models = problem.models(fitted.model, fitted.slots, fitted.x)
+    apart = [_TELLS_APART * i for i in range(len(problem.points))]
     at = 2.0 * math.pi * np.arange(_SIMULATED) / _SIMULATED
-    turned = [[_turned(m, float(phase) + _TELLS_APART * i) for i, m in enumerate(models)] for phase in at]
+    turned = [replace(problem, phases=tuple(float(phase) + more for more in apart)) for phase in at]
+    models = [one.models(fitted.model, fitted.slots, fitted.x) for one in turned]
     seen = [
         shifted(problem, problem.expect(sensors), fitted.slots, fitted.x)
-        for sensors in problem.forward.run(turned, seed)
+        for sensors in problem.forward.run(models, seed)
     ]
     values = np.stack([e.value for e in seen])
     fine = 2.0 * math.pi * np.arange(_LOOKED_AT) / _LOOKED_AT
@@ -68,11 +67,6 @@ def sharper_phases(problem: Problem, fitted: Fit, seed: int) -> list[float | Non
         if min(losses) < before - _CHANCE:
             found[i] = float(fine[int(np.argmin(losses))])
     return found
-
-
-def _turned(model: PixelModel, phase: float) -> PixelModel:
-    effects = tuple(replace(e, phase=phase) if isinstance(e, LightFlicker) else e for e in model.effects)
-    return replace(model, effects=effects)
 
 
 def _harmonics(phase: Floats) -> Floats:

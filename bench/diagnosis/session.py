@@ -71,14 +71,14 @@ class Session:
         slots = self.problem.slots_of(self.model)
         starts = self.problem.starts(self.model, by_eye=self.by_eye)
         found = fit(self.problem, self.model, slots, starts, seed=seed)
-        given = self.problem.given.get(LightFlicker.id)
-        if given is None or (self.model.effect(LightFlicker.id) is not None and not self._has_the_ripple(self.model)):
+        given, has_it = self.problem.given.get(LightFlicker.id), self._has_the_ripple(self.model)
+        if given is None or (self.model.effect(LightFlicker.id) is not None and not has_it):
             return found
         models = self.problem.models(found.model.without(LightFlicker.id), found.slots, found.x)
         grid_s = self.problem.forward.dt_s
         phases = phases_of(self.problem.points, models, LightFlicker(**given), grid_s, seed + 7)
         self.problem = replace(self.problem, phases=tuple(phases))
-        if not self._has_the_ripple(self.model):
+        if not has_it:
             return found
         # Until now it was any phase.
         again = approach(self.problem, self.model, slots, list(found.x), seed=seed + 8, prior=found.start)
