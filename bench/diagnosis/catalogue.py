@@ -25,8 +25,10 @@ __all__ = [
     "are_the_same",
     "candidates",
     "cost_of",
+    "details_of",
     "free_of",
     "least_share",
+    "numbers_of",
     "probe_of",
     "sized",
     "switches",
@@ -83,6 +85,15 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "event_rate_limit": (("max_rate_eps", "inverse", 1e5, math.inf),),
     "timestamp_jitter": (("sigma_s", "linear", 3e-4, 0.05),),
     "trail_filter": (("window_s", "linear", 0.02, 1.0),),
+}
+
+#: Numbers of an effect that are what they usually are until the data ask for others: name, scale, the highest that is
+#: believed, and values that are tried.
+_DETAILS: Final[dict[str, tuple[tuple[str, Scale, float, tuple[float, ...]], ...]]] = {
+    "dark_current": (("spread", "square", 2.0, (0.15, 0.3, 0.6)),),
+    "leak": (("spread", "square", 2.0, (0.15, 0.3, 0.6)),),
+    "readout_saturation": (("fifo_events", "inverse", math.inf, (16.0, 32.0, 64.0, 128.0)),),
+    "event_rate_limit": (("period_s", "log", 0.1, (5e-5, 1e-3, 5e-3)),),
 }
 
 #: Numbers that make all events later, each by itself; what else they do is little.
@@ -191,6 +202,22 @@ def _of_a_user(effect: type[Effect]) -> tuple[tuple[str, Scale, float, float], .
         for p in effect.parameters()
         if p.null is not None and p.default is not None and p.default != p.null
     )
+
+
+def details_of(effect: type[Effect]) -> tuple[tuple[Free, tuple[float, ...]], ...]:
+    """Return numbers that are fitted once the data ask for another value than the usual one, and values to try."""
+    known = {p.name: p for p in effect.parameters()}
+    return tuple(
+        (Free(effect.id, name, name, known[name].unit, scale, known[name].bounds[0], highest, tries[-1]), tries)
+        for name, scale, highest, tries in _DETAILS.get(effect.id, ())
+    )
+
+
+def numbers_of(effect: Effect) -> tuple[Free, ...]:
+    """Return the numbers of an effect of a model that are fitted, with the details that are not the usual ones."""
+    usual = {p.name: p.default for p in effect.parameters()}
+    details = (free for free, _ in details_of(type(effect)))
+    return (*free_of(type(effect)), *(f for f in details if getattr(effect, f.field) != usual[f.name]))
 
 
 def switches(effect: type[Effect]) -> tuple[Free, ...]:

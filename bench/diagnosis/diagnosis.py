@@ -15,6 +15,7 @@ import numpy as np
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import RARE, TWINS, are_the_same, candidates
+from bench.diagnosis.details import with_details
 from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import (
@@ -319,6 +320,7 @@ class Diagnosis:
 
     def _look(self, fitted: Fit, added: str | None, fall: float) -> _State:
         number = len(self._states)
+        fitted = with_details(self.problem, fitted, self._seed + 100 * number + 79)
         fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
         fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
         self._say(f"step {number}: looking for what is missing")

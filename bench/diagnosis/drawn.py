@@ -31,12 +31,16 @@ _LAWS: Final[dict[tuple[str, str], Callable[[float], float]]] = {
     ("threshold_mismatch", "sigma_on"): lambda sigma: 0.5 * sigma**2,
     ("threshold_mismatch", "sigma_off"): lambda sigma: 0.5 * sigma**2,
     ("refractory_mismatch", "spread"): lambda sigma: 0.5 * sigma**2,
+    ("dark_current", "spread"): lambda sigma: 0.5 * sigma**2,
+    ("leak", "spread"): lambda sigma: 0.5 * sigma**2,
 }
-#: Numbers of the base pixel that are means, the spread that makes them so, and whether that one is relative to them.
+#: Numbers that are means, or medians, the spread that makes them so, and whether that one is relative to them.
 _MEANS: Final[dict[tuple[str, str], tuple[tuple[str, str], bool]]] = {
     ("thresholds", "on"): (("threshold_mismatch", "sigma_on"), False),
     ("thresholds", "off"): (("threshold_mismatch", "sigma_off"), False),
     ("refractory_period", "period_s"): (("refractory_mismatch", "spread"), True),
+    ("dark_current", "mean_fa"): (("dark_current", "spread"), True),
+    ("leak", "rate_per_s"): (("leak", "spread"), True),
 }
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from bench.diagnosis.catalogue import cost_of, free_of, least_share
+from bench.diagnosis.catalogue import cost_of, least_share, numbers_of
 from bench.diagnosis.outlying import outlying_rate_hz
 from bench.diagnosis.parameters import ALIGNMENT, Free, base_parameters, put, time_offset
 from bench.diagnosis.phases import with_phases
@@ -144,7 +144,7 @@ class Problem:
 
     def slots_of(self, model: PixelModel) -> list[Slot]:
         """Return the free numbers of the base pixel, and of the effects that a model has."""
-        return [*self.base_slots(), *(Slot(f) for e in model.effects for f in free_of(type(e)))]
+        return [*self.base_slots(), *(Slot(f) for e in model.effects for f in numbers_of(e))]
 
     def models(self, model: PixelModel, slots: Sequence[Slot], x: Sequence[float] | Floats) -> list[PixelModel]:
         """Return the model of each point."""
@@ -241,4 +241,4 @@ class Problem:
             else:
                 value = getattr(guessed[setting], slot.free.field)
             found.append(slot.free.coordinate(max(value, slot.free.lowest)))
-        return [*found, *(f.coordinate(getattr(e, f.field)) for e in model.effects for f in free_of(type(e)))]
+        return [*found, *(f.coordinate(getattr(e, f.field)) for e in model.effects for f in numbers_of(e))]

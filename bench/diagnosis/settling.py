@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.approach import approach, known_beforehand
-from bench.diagnosis.catalogue import switches
+from bench.diagnosis.catalogue import details_of, switches
 from bench.diagnosis.fit import finish
 from bench.diagnosis.fitted import prior_precision, solve
 from bench.diagnosis.judging import deviance_per_dof, excess
@@ -74,7 +74,8 @@ def unknown_shapes(problem: Problem, model: PixelModel, slots: Sequence[Slot]) -
         effect = model.effect(slot.free.owner)
         if effect is None:
             continue
-        known = {*problem.given.get(effect.id, {}), *(f.name for f in switches(type(effect)))}
+        details = (free.name for free, _ in details_of(type(effect)))
+        known = {*problem.given.get(effect.id, {}), *(f.name for f in switches(type(effect))), *details}
         found += [i] * (slot.free.name not in known)
     return found
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 
-from bench.diagnosis.catalogue import free_of
+from bench.diagnosis.catalogue import details_of, free_of
 from bench.diagnosis.drawn import drawn_variance
 from bench.diagnosis.parameters import base_parameters
 from bench.diagnosis.problem import Slot
@@ -30,6 +30,10 @@ KNOWN = {
     "threshold_mismatch.sigma_on": 0.03,
     "threshold_mismatch.sigma_off": 0.05,
     "refractory_mismatch.spread": 0.3,
+    "dark_current.mean_fa": 5.0,
+    "dark_current.spread": 0.2,
+    "leak.rate_per_s": 0.1,
+    "leak.spread": 0.4,
     "thresholds.on": 0.25,
     "thresholds.off": 0.3,
     "noise_floor.rms": 0.03,
@@ -40,6 +44,7 @@ KNOWN = {
 
 def numbers(*ids: str) -> tuple[list[Slot], Floats]:
     free = [*base_parameters(refractory_known=True), *(f for i in ids for f in free_of(effects()[i]))]
+    free += [f for i in ids for f, _ in details_of(effects()[i])]
     return [Slot(f) for f in free], np.array([f.coordinate(KNOWN[f.key]) for f in free])
 
 
@@ -59,6 +64,18 @@ def dead_time_s(rng: np.random.Generator) -> Floats:
     return np.asarray(2e-3 * np.exp(np.mean(0.3 * rng.standard_normal((SENSORS, PIXELS)), axis=1)))
 
 
+def dark_current_fa(rng: np.random.Generator) -> Floats:
+    return np.asarray(np.mean(5.0 * np.exp(0.2 * rng.standard_normal((SENSORS, PIXELS)) - 0.02), axis=1))
+
+
+def median_leak(rng: np.random.Generator) -> Floats:
+    return np.asarray(0.1 * np.exp(np.mean(0.4 * rng.standard_normal((SENSORS, PIXELS)), axis=1)))
+
+
+def spread_of_leak(rng: np.random.Generator) -> Floats:
+    return np.asarray(np.std(0.4 * rng.standard_normal((SENSORS, PIXELS)), axis=1, ddof=1))
+
+
 @pytest.mark.parametrize(
     ("key", "drawn"),
     [
@@ -66,10 +83,13 @@ def dead_time_s(rng: np.random.Generator) -> Floats:
         ("threshold_mismatch.sigma_on", spread_on),
         ("thresholds.off", mean_off),
         ("refractory_period.period_s", dead_time_s),
+        ("dark_current.mean_fa", dark_current_fa),
+        ("leak.rate_per_s", median_leak),
+        ("leak.spread", spread_of_leak),
     ],
 )
 def test_it_is_what_drawn_sensors_show(key: str, drawn: Callable[[np.random.Generator], Floats]) -> None:
-    slots, x = numbers("hot_pixels", "threshold_mismatch", "refractory_mismatch")
+    slots, x = numbers("hot_pixels", "threshold_mismatch", "refractory_mismatch", "dark_current", "leak")
     free = next(s.free for s in slots if s.free.key == key)
     shown = [free.coordinate(float(v)) for v in drawn(np.random.default_rng(1))]
     found = dict(zip((s.free.key for s in slots), drawn_variance(slots, x, PIXELS), strict=True))

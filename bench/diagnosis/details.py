@@ -1,0 +1,120 @@
+"""Details of an effect that is in the model: what is usual until the data ask for another value.
+
+A dark current is the same in all pixels, a queue is long: as long as that explains the run, a number more would only
+make the others less certain. Where it does not, each of these numbers is tried at some values, the others following
+along straight lines; if one does better, it is free from then on.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis import robust
+from bench.diagnosis.approach import approach
+from bench.diagnosis.catalogue import cost_of, details_of
+from bench.diagnosis.fit import finish
+from bench.diagnosis.fitted import prior_precision, whiten
+from bench.diagnosis.judging import deviance_per_dof, excess
+from bench.diagnosis.looks import shifted
+from bench.diagnosis.parameters import put
+from bench.diagnosis.problem import Slot
+from bench.diagnosis.steps import inside, longest_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.parameters import Free
+    from bench.diagnosis.problem import Problem
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["with_details"]
+
+#: A deviance that is larger by so many standard deviations than that of a true model asks for details.
+_MORE_THAN_CHANCE: Final = 2.0
+#: Effort of a look at a value; the loss is to fall by so much, and the deviance of the fit by this share.
+_EFFORT: Final = 1.0
+_LEAST_FALL: Final = 30.0
+_BETTER: Final = 0.03
+_STEPS: Final = 4
+#: Details that are set free in one step of a diagnosis, at the most.
+_MOST: Final = 2
+
+
+def with_details(problem: Problem, found: Fit, seed: int) -> Fit:
+    """Return a fit, or a better one in which details of its effects are free.
+
+    Parameters
+    ----------
+    seed
+        Of other simulations than those of the fit.
+    """
+    for number in range(_MOST):
+        if excess(problem, found) < _MORE_THAN_CHANCE:
+            break
+        best = _most_promising(problem, found, seed + 10 * number)
+        if best is None:
+            break
+        again = _set_free(problem, found, *best, seed + 10 * number + 1)
+        if deviance_per_dof(problem, again) > (1.0 - _BETTER) * deviance_per_dof(problem, found):
+            break
+        found = again
+    return found
+
+
+def _closed(found: Fit) -> Iterator[tuple[Free, float]]:
+    """Yield the numbers that are not free yet, each with values to try."""
+    known = {(slot.free.owner, slot.free.name) for slot in found.slots}
+    for effect in found.model.effects:
+        for free, tries in details_of(type(effect)):
+            if (free.owner, free.name) not in known:
+                yield from ((free, value) for value in tries)
+
+
+def _most_promising(problem: Problem, found: Fit, seed: int) -> tuple[Free, float, Floats] | None:
+    """Return the number and value with which the loss is least, and the coordinates of the others; None: as now."""
+    tries = list(_closed(found))
+    if not tries:
+        return None
+    base = problem.models(found.model, found.slots, found.x)
+    models = [base, *([put(one, [free], [free.coordinate(value)]) for one in base] for free, value in tries)]
+    effort = _EFFORT * math.sqrt(cost_of(found.model))
+    left = []
+    for sensors in problem.simulate(models, seed, effort):
+        there = shifted(problem, problem.expect(sensors), found.slots, found.x)
+        left.append(_left(problem, found, there.value))
+    best = int(np.argmin([loss for loss, _ in left[1:]]))
+    loss, moved = left[1 + best]
+    if loss > left[0][0] - _LEAST_FALL:
+        return None
+    return *tries[best], inside(found.slots, found.x + moved)
+
+
+def _left(problem: Problem, found: Fit, value: Floats) -> tuple[float, Floats]:
+    """Return the loss beside what is expected once the free numbers have followed, and how far they go."""
+    points = problem.measured.points
+    residual = whiten(found.roots, problem.measured.value - value, points)
+    longest = longest_of(found.slots, found.x)
+    low, high = (np.array([s.free.range[end] for s in found.slots]) for end in (0, 1))
+    moved, fall = robust.solve(
+        whiten(found.roots, found.jacobian.mean(axis=0), points), residual, prior_precision(found.slots),
+        found.start - found.x, np.maximum(low - found.x, -longest), np.minimum(high - found.x, longest),
+    )  # fmt: skip
+    return robust.loss(residual) - fall, moved
+
+
+def _set_free(problem: Problem, found: Fit, free: Free, value: float, others: Floats, seed: int) -> Fit:
+    """Return the model with one number more that is free, fitted."""
+    slots = (*found.slots, Slot(free))
+    at = free.coordinate(value)
+    model = put(found.model, [free], [at])
+    near = approach(
+        problem, model, slots, [*others, at], seed=seed, iterations=_STEPS, prior=np.append(found.start, at)
+    )
+    return finish(problem, near)
