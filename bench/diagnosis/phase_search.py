@@ -14,9 +14,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis import robust
+from bench.diagnosis.fitted import prior_precision
 from bench.diagnosis.looks import shifted
+from bench.diagnosis.steps import inside, longest_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from bench.diagnosis.fitted import Fit
@@ -33,40 +37,98 @@ _LOOKED_AT: Final = 64
 _HARMONICS: Final = 2
 #: A recording has another phase when its loss falls by more than chance lets one number fall.
 _CHANCE: Final = 4.0
+#: Phases and numbers follow each other so often at the most.
+_ROUNDS: Final = 10
+#: A shorter turn, in standard errors, is none.
+_NO_TURN: Final = 1e-9
 #: Points of one law are simulated once, but the ripple of each is seen at a phase of its own: so their models differ.
 _TELLS_APART: Final = 1e-6
 
 
-def sharper_phases(problem: Problem, fitted: Fit, seed: int) -> list[float | None]:
-    """Return the phase of the ripple in each recording, rad from 0 to 2 pi; the one it had where none is better.
+def sharper_phases(problem: Problem, fitted: Fit, seed: int) -> tuple[list[float | None], Floats]:
+    """Return the phase of the ripple in each recording, rad from 0 to 2 pi, and coordinates that go with them.
+
+    A phase stays where none is better. Numbers that were fitted at other phases hold on to these, and the other way
+    round: so both are moved together, the numbers along straight lines.
 
     Parameters
     ----------
     fitted
         A model with a ripple whose phase is open.
     """
-    apart = [_TELLS_APART * i for i in range(len(problem.points))]
-    at = 2.0 * math.pi * np.arange(_SIMULATED) / _SIMULATED
-    turned = [replace(problem, phases=tuple(float(phase) + more for more in apart)) for phase in at]
-    models = [one.models(fitted.model, fitted.slots, fitted.x) for one in turned]
-    seen = [
-        shifted(problem, problem.expect(sensors), fitted.slots, fitted.x)
-        for sensors in problem.forward.run(models, seed)
-    ]
-    values = np.stack([e.value for e in seen])
-    fine = 2.0 * math.pi * np.arange(_LOOKED_AT) / _LOOKED_AT
-    between = _harmonics(fine) @ np.linalg.lstsq(_harmonics(at), values, rcond=None)[0]
-    found = list(problem.phases)
-    for i, where in enumerate(problem.measured.points):
-        losses = []
-        for expected, phase in zip(between[:, where], fine, strict=True):
-            root = seen[round(phase / (2.0 * math.pi) * _SIMULATED) % _SIMULATED].roots[i]
-            losses.append(robust.loss(root @ (problem.measured.value[where] - expected)))
-        known = found[i]
-        before = math.inf if known is None else losses[round(known / (2.0 * math.pi) * _LOOKED_AT) % _LOOKED_AT]
-        if min(losses) < before - _CHANCE:
-            found[i] = float(fine[int(np.argmin(losses))])
-    return found
+    at = _Turned(problem, fitted, seed)
+    found, moved = list(problem.phases), np.zeros(len(fitted.x))
+    for _ in range(_ROUNDS):
+        before, found = found, at.phases(moved)
+        moved = at.numbers(found)
+        if found == before:
+            break
+    return found, inside(fitted.slots, fitted.x + moved)
+
+
+class _Turned:
+    """What a fitted model expects of each recording at many phases of the ripple."""
+
+    def __init__(self, problem: Problem, fitted: Fit, seed: int) -> None:
+        self._problem, self._fitted = problem, fitted
+        apart = [_TELLS_APART * i for i in range(len(problem.points))]
+        at = 2.0 * math.pi * np.arange(_SIMULATED) / _SIMULATED
+        turned = [replace(problem, phases=tuple(float(phase) + more for more in apart)) for phase in at]
+        models = [one.models(fitted.model, fitted.slots, fitted.x) for one in turned]
+        seen = [
+            shifted(problem, problem.expect(sensors), fitted.slots, fitted.x)
+            for sensors in problem.forward.run(models, seed)
+        ]
+        self._fine = 2.0 * math.pi * np.arange(_LOOKED_AT) / _LOOKED_AT
+        waves = np.linalg.lstsq(_harmonics(at), np.stack([e.value for e in seen]), rcond=None)[0]
+        between = _harmonics(self._fine) @ waves
+        near = [seen[round(phase / (2.0 * math.pi) * _SIMULATED) % _SIMULATED].roots for phase in self._fine]
+        self._residual = [
+            np.stack([roots[i] @ (problem.measured.value[where] - expected[where])
+                      for roots, expected in zip(near, between, strict=True)])
+            for i, where in enumerate(problem.measured.points)
+        ]  # fmt: skip
+        changes = fitted.jacobian.mean(axis=0)
+        self._changes = [
+            np.stack([roots[i] @ changes[where] for roots in near]) for i, where in enumerate(problem.measured.points)
+        ]
+
+    def phases(self, moved: Floats) -> list[float | None]:
+        """Return the best phase of each recording once the numbers have moved; the known one where it is as good."""
+        found = list(self._problem.phases)
+        for i, (residual, changes) in enumerate(zip(self._residual, self._changes, strict=True)):
+            losses = [robust.loss(r - c @ moved) for r, c in zip(residual, changes, strict=True)]
+            known = found[i]
+            before = math.inf if known is None else losses[self._place(known)]
+            if min(losses) < before - _CHANCE:
+                found[i] = float(self._fine[int(np.argmin(losses))])
+        return found
+
+    def numbers(self, phases: Sequence[float | None]) -> Floats:
+        """Return how far the numbers move, along straight lines, while each phase follows them.
+
+        So what a turn of the phase could take up, in its recording, says nothing about them.
+        """
+        slots, x = self._fitted.slots, self._fitted.x
+        longest = longest_of(slots, x)
+        low, high = (np.array([s.free.range[end] for s in slots]) for end in (0, 1))
+        known = [(i, self._place(phase)) for i, phase in enumerate(phases) if phase is not None]
+        parts = [self._beyond_turn(i, place) for i, place in known]
+        return robust.solve(
+            np.concatenate([columns for _, columns in parts]), np.concatenate([residual for residual, _ in parts]),
+            prior_precision(slots), self._fitted.start - x,
+            np.maximum(low - x, -longest), np.minimum(high - x, longest),
+        )[0]  # fmt: skip
+
+    def _beyond_turn(self, i: int, place: int) -> tuple[Floats, Floats]:
+        """Return residuals and changes of a recording less what goes with a small turn of its phase."""
+        residual, changes = self._residual[i], self._changes[i][place]
+        turn = residual[(place + 1) % _LOOKED_AT] - residual[place - 1]
+        unit = turn / max(float(np.linalg.norm(turn)), _NO_TURN)
+        return residual[place] - unit * (unit @ residual[place]), changes - np.outer(unit, unit @ changes)
+
+    def _place(self, phase: float) -> int:
+        return round(phase / (2.0 * math.pi) * _LOOKED_AT) % _LOOKED_AT
 
 
 def _harmonics(phase: Floats) -> Floats:

@@ -88,9 +88,10 @@ class Session:
         """Return a fit, or a better one in which the ripple has the phases that the fitted model asks for."""
         for number in range(_ROUNDS if self._has_the_ripple(found.model) else 0):
             own = seed + 10 * number
-            turned = replace(self.problem, phases=tuple(sharper_phases(self.problem, found, own)))
+            phases, there = sharper_phases(self.problem, found, own)
+            turned = replace(self.problem, phases=tuple(phases))
             near = approach(
-                turned, found.model, found.slots, list(found.x), seed=own + 1, iterations=_STEPS, prior=found.start
+                turned, found.model, found.slots, list(there), seed=own + 1, iterations=_STEPS, prior=found.start
             )
             again = finish(turned, near)
             better = deviance_per_dof(turned, again) / deviance_per_dof(self.problem, found)

@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from bench.diagnosis import phase_search
+from bench.diagnosis.parameters import base_parameters
 from bench.diagnosis.phase_search import sharper_phases
 from bench.diagnosis.phases import phases_of, with_phases
+from bench.diagnosis.problem import Slot
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.ripple import locked, with_ripple
 from bench.diagnosis.session import open_session
@@ -59,11 +62,41 @@ def test_a_ripple_at_the_same_phase_of_every_pulse_shows_in_the_answers(
         problem = replace(session.problem, phases=(None,) * 4)
         model = on_sensor(PIXEL + ripple, run.header.sensor)
         slots = problem.slots_of(model)
-        fitted: Any = SimpleNamespace(model=model, slots=slots, x=problem.starts(model, by_eye=False)[0])
-        found = sharper_phases(problem, fitted, seed=9)
+        x = np.array(problem.starts(model, by_eye=False)[0])
+        still: Any = SimpleNamespace(
+            model=model, slots=slots, x=x, start=x, jacobian=np.zeros((2, len(problem.measured.labels), len(x)))
+        )
+        found, there = sharper_phases(problem, still, seed=9)
+        assert there == pytest.approx(x)
         assert None not in found
         assert np.max(np.abs(np.angle(np.exp(1j * (np.array(found, np.float64) - phase))))) < 0.8
-        assert sharper_phases(replace(problem, phases=(phase,) * 4), fitted, seed=9).count(phase) >= 2
+        again, _ = sharper_phases(replace(problem, phases=(phase,) * 4), still, seed=9)
+        assert again.count(phase) >= 2
+
+
+def test_phases_and_numbers_that_hold_on_to_each_other_are_found_together() -> None:
+    """What a number does is nearly what a turn of all phases does; only a last statistic tells them apart."""
+    truth, number = np.array([0.5, 2.0, 4.0]), 0.2
+    fine = 2.0 * math.pi * np.arange(64) / 64
+    free = base_parameters(refractory_known=True)[0]
+    turned = object.__new__(phase_search._Turned)
+    turned._fine = fine
+    turned._problem = SimpleNamespace(phases=tuple(truth + number))  # type: ignore[assignment]
+    turned._fitted = SimpleNamespace(slots=(Slot(free),), x=np.zeros(1), start=np.zeros(1))  # type: ignore[assignment]
+
+    def seen(phase: Any, moved: float) -> Any:
+        """A hundred standard errors from crest to trough, five for the number."""
+        return np.stack([50.0 * np.cos(phase + moved), 50.0 * np.sin(phase + moved), 5.0 * moved + 0.0 * phase], -1)
+
+    small = 1e-6
+    turned._residual = [seen(phase, number) - seen(fine, 0.0) for phase in truth]
+    turned._changes = [((seen(fine, small) - seen(fine, 0.0)) / small)[:, :, None]] * len(truth)
+    phases, moved = list(turned._problem.phases), np.zeros(1)
+    for _ in range(4):
+        moved = turned.numbers(phases)
+        phases = turned.phases(moved)
+    assert moved[0] == pytest.approx(number, abs=0.02)
+    assert np.max(np.abs(np.array(phases, np.float64) - truth)) < 0.06
 
 
 def test_a_ripple_whose_phase_is_open_gets_that_of_the_point() -> None:
