@@ -31,7 +31,8 @@ def outlying_rate_hz(points: Sequence[PointData]) -> float | None:
     """Return how many ON events a second outlying pixels send more than their fellows; None if there are none.
 
     A pixel is outlying when its number of events, in all recordings under constant light together, is too large for
-    chance (Poisson) at the rate of its fellows. The points have to be of one window.
+    chance (Poisson) at the rate of its fellows. Where each sends few, none may be so for sure, and all of them
+    together still are: more pairs of events are of one pixel than chance lets be. The points have to be of one window.
     """
     from scipy.stats import poisson
 
@@ -43,7 +44,19 @@ def outlying_rate_hz(points: Sequence[PointData]) -> float | None:
     # Where hardly any pixel sends anything, one event makes no pixel outlying.
     usual = max(usual, 1.0)
     outlying = (poisson.sf(counts - 1.0, usual) < _CHANCE / counts.size) & (counts > _TIMES * usual)
-    if not outlying.any():
-        return None
-    seconds = float(sum(f.observed_s for f in frames))
-    return float(counts[outlying].mean() - usual) / seconds
+    more = float(counts[outlying].mean() - usual) if outlying.any() else _more_of_few(counts)
+    return more / float(sum(f.observed_s for f in frames)) if more > 0.0 else None
+
+
+def _more_of_few(counts: Floats) -> float:
+    """Return how many events more some pixels have on average that cannot be told one by one; 0 if there are none.
+
+    A share f of pixels with a Poisson number of mean m has f m events and f m^2 / 2 pairs of them, by pixel.
+    """
+    from scipy.stats import poisson
+
+    events, pairs = float(counts.sum()), 0.5 * float(np.sum(counts * (counts - 1.0)))
+    by_chance = 0.5 * events**2 / counts.size
+    if float(poisson.sf(pairs - 1.0, by_chance)) > _CHANCE:
+        return 0.0
+    return 2.0 * (pairs - by_chance) / events

@@ -32,6 +32,16 @@ def test_pixels_that_fire_on_their_own_tell_their_rate(
     assert outlying_rate_hz(taken) == pytest.approx(5.0)
 
 
+def test_pixels_that_fire_too_seldom_to_be_told_one_by_one_tell_their_rate_together(
+    point: Callable[..., Any], recorded: Callable[..., Any]
+) -> None:
+    """Six pixels with two or three events each, 15 in all, and no others: 12 pairs, where chance has 1.8."""
+    times = [(1000 * (10 * pixel + n), pixel, 1, 1) for pixel in range(6) for n in range(2 + pixel % 2)]
+    found = outlying_rate_hz([recorded(point(0, 0.0), sorted(times))])
+    pairs, events = 3 * 1 + 3 * 3, 15
+    assert found == pytest.approx(2.0 * (pairs - 0.5 * events**2 / 64) / events / SECONDS)
+
+
 def test_alike_pixels_tell_nothing(point: Callable[..., Any], recorded: Callable[..., Any]) -> None:
     rng = np.random.default_rng(2)
     taken = recorded(point(0, 0.0), events(rng, {3: 2}))
