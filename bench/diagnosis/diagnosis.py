@@ -261,11 +261,13 @@ class Diagnosis:
         return self._next[1]
 
     def _go_on(self, most: int) -> None:
-        """Add what is missing until nothing more is significant."""
+        """Add what is missing until nothing more is significant; what was taken out does not come back."""
+        added: set[str] = set()
         while len(self._all()) <= most:
             proposal = self.proposal
-            if proposal is None:
+            if proposal is None or proposal in added:
                 break
+            added.add(proposal)
             self.add(proposal)
             self._drop()
 
@@ -475,7 +477,7 @@ class Diagnosis:
         while len(self._states) > 2:
             last = self._states[-1]
             names = [s.added for s in self._states[1:-1] if s.added is not None]
-            weak = [name for name in names if needless(self.problem, last.fit, name)]
+            weak = [name for name in names if needless(self.problem, last.fit, name, before=True)]
             if not weak:
                 return
             self._say(f"taking out {weak[0]}")

@@ -32,7 +32,8 @@ def outlying_rate_hz(points: Sequence[PointData]) -> float | None:
 
     A pixel is outlying when its number of events, in all recordings under constant light together, is too large for
     chance (Poisson) at the rate of its fellows. Where each sends few, none may be so for sure, and all of them
-    together still are: more pairs of events are of one pixel than chance lets be. The points have to be of one window.
+    together still are: more pairs of events are of one pixel than chance lets be. The points have to be of one
+    window.
     """
     from scipy.stats import poisson
 

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Found", "needless", "refitted"]
 
-#: An effect whose numbers are all fewer standard errors from null is needless.
+#: An effect whose numbers are all fewer standard errors from null is needless; one that was added before it was known
+#: what else is missing is so up to the size that a search among all effects takes for more than chance.
 _NEEDED: Final = 2.0
+_STILL_NEEDED: Final = 3.3
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,17 @@ def refitted(
     return found
 
 
-def needless(problem: Problem, one: Fit, effect_id: str) -> bool:
-    """Return whether all numbers of an effect are within chance of null."""
+def needless(problem: Problem, one: Fit, effect_id: str, *, before: bool = False) -> bool:
+    """Return whether all numbers of an effect are within chance of null.
+
+    Parameters
+    ----------
+    before
+        It was added before others were.
+    """
+    least = _STILL_NEEDED if before else _NEEDED
     sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
     effect = next(e for e in one.model.effects if e.id == effect_id)
     names = {f.name for f in switches(type(effect))}
     mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id and s.free.name in names]
-    return all(abs(one.x[i]) < _NEEDED * sd[i] for i in mine)
+    return all(abs(one.x[i]) < least * sd[i] for i in mine)

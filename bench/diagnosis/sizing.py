@@ -34,9 +34,10 @@ if TYPE_CHECKING:
 
 __all__ = ["probe"]
 
-#: Effort of a probe where the model is far off, and where what may be missing is small.
+#: Effort of a probe where the model is far off, and where what may be missing is small: with much less a mismatch of
+#: the dead time, which is large, promised nothing.
 _FAR_EFFORT: Final = 0.1
-_NEAR_EFFORT: Final = 0.15
+_NEAR_EFFORT: Final = 0.5
 #: Where the model is far off, so many of the most promising are probed at other sizes, so often: where the expected
 #: size is a share of the probe's that is below the first limit, or at the most it can be; no more than so many times.
 _PROMISING: Final = 8
@@ -47,7 +48,7 @@ _AT_MOST: Final = 4.0
 _ENOUGH: Final = 0.1
 #: Where what may be missing is small, so many of the most promising are looked at closer, with this effort; with more
 #: where the fitted model takes longer, by the root of its cost, as its fit does. Chance promises a fall of one.
-_CLOSER: Final = 5
+_CLOSER: Final = 8
 _WORTH_ASKING: Final = 2.0
 _CLOSER_EFFORT: Final = 2.0
 
