@@ -1,0 +1,59 @@
+"""The loop of a diagnosis: what was added and taken out again does not come back."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.diagnosis import Diagnosis
+from bench.diagnosis.parameters import Free
+from bench.diagnosis.problem import Slot
+from bench.diagnosis.refit import needless
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects import DarkCurrent
+
+
+class Wavering(Diagnosis):
+    """Proposes effects in turn; each takes the one before out again."""
+
+    def __init__(self, proposals: list[str | None]) -> None:
+        self.proposals = proposals
+        self.added: list[str] = []
+        self._states = [SimpleNamespace(added=None)]  # type: ignore[list-item]
+
+    @property
+    def proposal(self) -> str | None:
+        return self.proposals[len(self.added)]
+
+    def add(self, effect_id: str) -> Any:
+        self.added.append(effect_id)
+        self._states.append(SimpleNamespace(added=effect_id))  # type: ignore[arg-type]
+
+    def _drop(self) -> None:
+        self._states = [self._states[0], self._states[-1]]
+
+
+def test_what_was_taken_out_does_not_come_back() -> None:
+    made = Wavering(["leak", "dark_current", "leak", "dark_current", "leak"])
+    made._go_on(3)
+    assert made.added == ["leak", "dark_current"]
+
+
+def test_it_ends_when_nothing_is_proposed() -> None:
+    made = Wavering(["leak", "dark_current", None])
+    made._go_on(3)
+    assert made.added == ["leak", "dark_current"]
+
+
+@pytest.mark.parametrize(("sigmas", "now", "before"), [(1.5, True, True), (2.8, False, True), (4.0, False, False)])
+def test_what_others_made_insignificant_is_needless(sigmas: float, now: bool, before: bool) -> None:
+    slot = Slot(Free("dark_current", "mean_fa", "mean_fa", "fA", "linear", 0.0, 1e3, 3.0))
+    fit: Any = SimpleNamespace(
+        model=PixelModel() + DarkCurrent(1.0), slots=(slot,), x=np.array([sigmas]), covariance=lambda _: np.eye(1)
+    )
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=()))
+    assert needless(problem, fit, "dark_current") is now
+    assert needless(problem, fit, "dark_current", before=True) is before
