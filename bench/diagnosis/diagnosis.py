@@ -36,7 +36,7 @@ from bench.diagnosis.screen import score
 from bench.diagnosis.session import open_session
 from bench.diagnosis.settling import settled
 from bench.diagnosis.sizing import probe
-from bench.diagnosis.ties import tied_with
+from bench.diagnosis.ties import tied_with, told_apart
 from bench.store import Run
 from protocols.errors import InputError
 
@@ -239,6 +239,7 @@ class Diagnosis:
         verdict, missing = self._verdict(states)
         last = states[-1].fit if states else None
         ties = _ties(states, missing)
+        ties = told_apart(ties, self.problem, last) if last is not None else ties
         return Outcome(
             runs=self._session.ids,
             findings=self.findings,

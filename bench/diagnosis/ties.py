@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from bench.diagnosis.catalogue import are_the_same
 from bench.diagnosis.likeness import TIED, closest, separation
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
+    from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.refit import Found
     from bench.diagnosis.screen import Scores
 
-__all__ = ["tied_with"]
+__all__ = ["tied_with", "told_apart"]
 
 #: Up to this one straight lines do not tell, as there is chance in them: both are simulated.
 _PERHAPS: Final = 8.0
@@ -23,6 +26,11 @@ _PERHAPS: Final = 8.0
 _IN_A_TIE: Final = 3
 #: Two effects are only confused when one explains at least so much of what the other does.
 _AS_WELL: Final = 0.5
+#: The same light falls on all pixels, while a dark current may be another in each: from so many standard errors of
+#: its spread on that tells them apart.
+_UNIFORM: Final = "stray_light"
+_IN_EACH: Final = "dark_current"
+_SURELY: Final = 5.0
 
 
 def tied_with(
@@ -64,6 +72,16 @@ def tied_with(
         if apart < TIED:
             near.append((apart, effect.id))
     return tuple(name for _, name in sorted(near)[: _IN_A_TIE - 1])
+
+
+def told_apart(ties: Mapping[str, tuple[str, ...]], problem: Problem, last: Fit) -> dict[str, tuple[str, ...]]:
+    """Return the ties that are left once details of the effects are known: see :mod:`bench.diagnosis.details`."""
+    sd = np.sqrt(np.diag(last.covariance(problem.measured.points)))
+    spreads = [i for i, s in enumerate(last.slots) if (s.free.owner, s.free.name) == (_IN_EACH, "spread")]
+    if not any(last.x[i] > _SURELY * sd[i] for i in spreads):
+        return dict(ties)
+    left = {name: tuple(o for o in others if {name, o} != {_UNIFORM, _IN_EACH}) for name, others in ties.items()}
+    return {name: others for name, others in left.items() if others}
 
 
 def _along_lines(scores: Scores, one: int, other: int) -> float:
