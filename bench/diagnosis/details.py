@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["with_details"]
+__all__ = ["with_a_detail"]
 
 #: A deviance that is larger by so many standard deviations than that of a true model asks for details.
 _MORE_THAN_CHANCE: Final = 2.0
@@ -43,29 +43,26 @@ _EFFORT: Final = 1.0
 _LEAST_FALL: Final = 30.0
 _BETTER: Final = 0.03
 _STEPS: Final = 4
-#: Details that are set free in one step of a diagnosis, at the most.
-_MOST: Final = 2
 
 
-def with_details(problem: Problem, found: Fit, seed: int) -> Fit:
-    """Return a fit, or a better one in which details of its effects are free.
+def with_a_detail(problem: Problem, found: Fit, seed: int, beat: float = 0.0) -> Fit:
+    """Return a fit, or a better one in which a detail of its effects is free.
 
     Parameters
     ----------
     seed
         Of other simulations than those of the fit.
+    beat
+        Fall of the loss that an effect more promises: a detail that promises less may only stand in for it.
     """
-    for number in range(_MOST):
-        if excess(problem, found) < _MORE_THAN_CHANCE:
-            break
-        best = _most_promising(problem, found, seed + 10 * number)
-        if best is None:
-            break
-        again = _set_free(problem, found, *best, seed + 10 * number + 1)
-        if deviance_per_dof(problem, again) > (1.0 - _BETTER) * deviance_per_dof(problem, found):
-            break
-        found = again
-    return found
+    if excess(problem, found) < _MORE_THAN_CHANCE:
+        return found
+    best = _most_promising(problem, found, seed, max(beat, _LEAST_FALL))
+    if best is None:
+        return found
+    again = _set_free(problem, found, *best, seed + 1)
+    better = deviance_per_dof(problem, again) <= (1.0 - _BETTER) * deviance_per_dof(problem, found)
+    return again if better else found
 
 
 def _closed(found: Fit) -> Iterator[tuple[Free, float]]:
@@ -77,7 +74,9 @@ def _closed(found: Fit) -> Iterator[tuple[Free, float]]:
                 yield from ((free, value) for value in tries)
 
 
-def _most_promising(problem: Problem, found: Fit, seed: int) -> tuple[Free, float, Floats] | None:
+def _most_promising(
+    problem: Problem, found: Fit, seed: int, least: float
+) -> tuple[Free, float, Floats] | None:  # fmt: skip
     """Return the number and value with which the loss is least, and the coordinates of the others; None: as now."""
     tries = list(_closed(found))
     if not tries:
@@ -91,7 +90,7 @@ def _most_promising(problem: Problem, found: Fit, seed: int) -> tuple[Free, floa
         left.append(_left(problem, found, there.value))
     best = int(np.argmin([loss for loss, _ in left[1:]]))
     loss, moved = left[1 + best]
-    if loss > left[0][0] - _LEAST_FALL:
+    if loss > left[0][0] - least:
         return None
     return *tries[best], inside(found.slots, found.x + moved)
 

@@ -15,7 +15,7 @@ import numpy as np
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import RARE, TWINS, are_the_same, candidates
-from bench.diagnosis.details import with_details
+from bench.diagnosis.details import with_a_detail
 from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
 from bench.diagnosis.judging import (
@@ -60,8 +60,10 @@ ALPHA: Final = 0.01
 #: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
 _FAR_OFF: Final = 1.3
 _SHORTLIST: Final = 3
-#: If none on it is worth adding, the next ones are; so many in all.
+#: If none on it is worth adding, the next ones are; so many in all. All at once, where none promises such a share of
+#: what is too much in the loss.
 _SHORTLISTS: Final = 2
+_FORESEEN: Final = 0.3
 #: Above this one, effects are gross: each does something else at another size.
 _GROSS: Final = 4.0
 #: Only effects are on it that are expected to explain at least so much of what the first of them does.
@@ -86,6 +88,8 @@ _ABOUT: Final = 4.0
 _LEAST_FALL: Final = 4.0
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
 _LOOKS: Final = 2.0
+#: Details of effects that are set free in one step, at the most.
+_DETAILS: Final = 2
 #: Standard errors at which an effect is found as a rule.
 _DETECTED: Final = 4.5
 
@@ -323,15 +327,26 @@ class Diagnosis:
 
     def _look(self, fitted: Fit, added: str | None, fall: float) -> _State:
         number = len(self._states)
-        fitted = with_details(self.problem, fitted, self._seed + 100 * number + 79)
         fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
         fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
         self._say(f"step {number}: looking for what is missing")
+        scores = self._probed(fitted, number)
+        for more in range(_DETAILS):
+            promised = float(max(scores.drop, default=0.0))
+            detailed = with_a_detail(self.problem, fitted, self._seed + 100 * number + 79 + 3 * more, promised)
+            if detailed is fitted:
+                break
+            self._say(f"step {number}: with a detail more, looking again")
+            fitted = settled(self.problem, detailed, self._seed + 100 * number + 81 + 3 * more)
+            scores = self._probed(fitted, number)
+        return _State(fitted, scores, added, fall)
+
+    def _probed(self, fitted: Fit, number: int) -> Scores:
+        """Return what each effect that is not in the model promises."""
         possible = candidates(fitted.model, self.problem.points, without=self._without)
         seed = self._seed + 100 * number + 17
         gross = deviance_per_dof(self.problem, fitted) > _GROSS
-        probes = probe(self.problem, fitted, possible, seed, gross, self._seen)
-        return _State(fitted, self._scores(fitted, probes), added, fall)
+        return self._scores(fitted, probe(self.problem, fitted, possible, seed, gross, self._seen))
 
     def _scores(self, fitted: Fit, probes: Sequence[Probe]) -> Scores:
         """Return what probes say; near the minimum what may be how time is cut is no sign of anything else."""
@@ -350,12 +365,18 @@ class Diagnosis:
         if not self._far_off(state.fit):
             self._propose(state, names[:1])
             return
-        for first in range(0, len(names), _SHORTLIST):
-            if first < _SHORTLISTS * _SHORTLIST and state.proposal is None:
-                self._propose(state, self._with_twins(state, names[first : first + _SHORTLIST]))
+        together = _SHORTLIST if self._is_foreseen(state) else _SHORTLISTS * _SHORTLIST
+        for first in range(0, min(len(names), _SHORTLISTS * _SHORTLIST), together):
+            if state.proposal is None:
+                self._propose(state, self._with_twins(state, names[first : first + together]))
         if state.proposal is None and not self._asked_all:
             self._asked_all = True
             self._propose(state, self._all_others(state), _SURE, _SHORTLIST)
+
+    def _is_foreseen(self, state: _State) -> bool:
+        """Return whether some effect promises a good part of what is missing: else their order says little."""
+        left = loss(state.fit.whiten(state.fit.residual, self.problem.measured.points)) - freedom(state.fit)
+        return float(max(state.scores.drop, default=0.0)) > _FORESEEN * left
 
     def _promising(self, state: _State) -> list[str]:
         """Return the effects that are significant, the most promising first."""

@@ -8,7 +8,7 @@ import pytest
 
 from bench.diagnosis import details
 from bench.diagnosis.catalogue import details_of, free_of, numbers_of
-from bench.diagnosis.details import with_details
+from bench.diagnosis.details import with_a_detail
 from bench.diagnosis.judging import deviance_per_dof, values_of
 from bench.diagnosis.session import open_session
 from sim_backend.pixel import PixelModel
@@ -53,7 +53,7 @@ def both(
     points = [point(i, contrast, lux=lux, periods=15) for i, (lux, contrast) in enumerate(POINTS)]
     with open_session([run_of(points, truth, 3)], model) as session:
         found = session.fit(1)
-        return session.problem, found, with_details(session.problem, found, 2)
+        return session.problem, found, with_a_detail(session.problem, found, 2)
 
 
 @pytest.mark.slow
@@ -65,6 +65,16 @@ def test_a_dark_current_that_differs_between_pixels_gets_a_spread(
     assert deviance_per_dof(problem, after) < 1.2
     # 64 pixels tell the spread of a log-normal law to 9 %.
     assert values_of(problem, after)["dark_current.spread"].value == pytest.approx(0.5, rel=4.0 * 0.09)
+
+
+@pytest.mark.slow
+def test_a_detail_does_not_stand_in_for_an_effect_that_promises_more(
+    point: Callable[..., Any], run_of: Callable[..., Any]
+) -> None:
+    points = [point(i, contrast, lux=lux, periods=15) for i, (lux, contrast) in enumerate(POINTS)]
+    with open_session([run_of(points, ROUGHLY + DarkCurrent(6.0, 0.5), 3)], ROUGHLY + DarkCurrent(5.0)) as session:
+        found = session.fit(1)
+        assert with_a_detail(session.problem, found, 2, beat=1e6) is found
 
 
 @pytest.mark.slow

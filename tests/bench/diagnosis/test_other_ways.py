@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from bench.diagnosis import refit
 from bench.diagnosis.diagnosis import Diagnosis, _ties
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -126,6 +129,7 @@ class Promising(Diagnosis):
         self.asked: list[tuple[list[str], float]] = []
         self.fitted_to_the_end: list[int | None] = []
         self._asked_all = False
+        self.foreseen = True
 
     def state(self) -> Any:
         probes = [SimpleNamespace(effect=SimpleNamespace(id=name)) for name in self.shares]
@@ -137,6 +141,9 @@ class Promising(Diagnosis):
 
     def _far_off(self, _: Any) -> bool:
         return True
+
+    def _is_foreseen(self, _: Any) -> bool:
+        return self.foreseen
 
     def _can_judge(self, _: Any, __: int) -> bool:
         return True
@@ -162,6 +169,35 @@ def test_where_nothing_promises_anything_all_are_asked_and_have_to_explain_most(
     made._choose(again)
     assert again.proposal is None
     assert len(made.asked) == 3
+
+
+@pytest.mark.parametrize("foreseen", [True, False])
+def test_where_none_promises_much_of_it_six_are_refitted_at_once(foreseen: bool) -> None:
+    """The first three would do, and the fifth does better."""
+    names = ["crosstalk", "hot_pixels", "high_pass", "leak", "threshold_mismatch", "reset_noise", "trail_filter"]
+    made = Promising(
+        names, {"crosstalk": 0.2, "threshold_mismatch": 0.9} | dict.fromkeys(names[1:4] + names[5:], 0.0)
+    )
+    made.foreseen = foreseen
+    state = made.state()
+    made._choose(state)
+    assert state.proposal == ("crosstalk" if foreseen else "threshold_mismatch")
+    assert [asked for asked, _ in made.asked] == [names[:3] if foreseen else names[:6]]
+
+
+def test_effects_that_want_whole_sensors_are_raced_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    entrants: Any = [
+        SimpleNamespace(model=PixelModel() + effect) for effect in (Crosstalk(), Leak(), HotPixels(), DarkCurrent())
+    ]
+    raced: list[Any] = []
+
+    def race(_: Any, those: Sequence[Any], __: int | None) -> list[Any]:
+        raced.extend(those)
+        return list(those)
+
+    monkeypatch.setattr(refit, "race", race)
+    assert refit._raced(None, entrants, None) == entrants  # type: ignore[arg-type]
+    assert raced == [entrants[k] for k in (1, 3, 2, 0)]
 
 
 def test_what_explains_some_of_it_alone_is_not_taken_for_what_is_missing() -> None:
