@@ -42,7 +42,7 @@ _FURTHER: Final = 4
 #: Sizes of an effect that are tried with the base numbers of another: beside that of the catalogue, then beside the
 #: best so far; and up to which loss, beside that of the best effect, what was found is gone on with.
 _SCANS: Final = ((0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0), (0.6, 0.8, 1.25, 1.6), (0.9, 1.1))
-_WORTH_STEPS: Final = 10.0
+_WORTH_STEPS: Final = 4.0
 #: Shapes of an effect that are tried beside the one that was found, each with sizes that go with a power of it.
 _SHAPES: Final = (0.25, 0.5, 2.0, 4.0)
 _POWERS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)
