@@ -15,13 +15,14 @@ import numpy as np
 from bench.diagnosis import robust
 from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import cost_of, details_of
+from bench.diagnosis.explaining import explain
 from bench.diagnosis.fit import finish
-from bench.diagnosis.fitted import prior_precision, whiten
+from bench.diagnosis.fitted import whiten
 from bench.diagnosis.judging import deviance_per_dof, excess
 from bench.diagnosis.looks import shifted
 from bench.diagnosis.parameters import put
 from bench.diagnosis.problem import Slot
-from bench.diagnosis.steps import inside, longest_of
+from bench.diagnosis.steps import inside
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -99,13 +100,8 @@ def _left(problem: Problem, found: Fit, value: Floats) -> tuple[float, Floats]:
     """Return the loss beside what is expected once the free numbers have followed, and how far they go."""
     points = problem.measured.points
     residual = whiten(found.roots, problem.measured.value - value, points)
-    longest = longest_of(found.slots, found.x)
-    low, high = (np.array([s.free.range[end] for s in found.slots]) for end in (0, 1))
-    moved, fall = robust.solve(
-        whiten(found.roots, found.jacobian.mean(axis=0), points), residual, prior_precision(found.slots),
-        found.start - found.x, np.maximum(low - found.x, -longest), np.minimum(high - found.x, longest),
-    )  # fmt: skip
-    return robust.loss(residual) - fall, moved
+    followed = explain(found, whiten(found.roots, found.jacobian.mean(axis=0), points), residual, None)
+    return robust.loss(residual) - followed.fall, followed.base
 
 
 def _set_free(problem: Problem, found: Fit, free: Free, value: float, others: Floats, seed: int) -> Fit:

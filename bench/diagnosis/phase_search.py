@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis import robust
-from bench.diagnosis.fitted import prior_precision
+from bench.diagnosis.explaining import explain
 from bench.diagnosis.looks import shifted
-from bench.diagnosis.steps import inside, longest_of
+from bench.diagnosis.steps import inside
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -109,16 +109,10 @@ class _Turned:
 
         So what a turn of the phase could take up, in its recording, says nothing about them.
         """
-        slots, x = self._fitted.slots, self._fitted.x
-        longest = longest_of(slots, x)
-        low, high = (np.array([s.free.range[end] for s in slots]) for end in (0, 1))
         known = [(i, self._place(phase)) for i, phase in enumerate(phases) if phase is not None]
         parts = [self._beyond_turn(i, place) for i, place in known]
-        return robust.solve(
-            np.concatenate([columns for _, columns in parts]), np.concatenate([residual for residual, _ in parts]),
-            prior_precision(slots), self._fitted.start - x,
-            np.maximum(low - x, -longest), np.minimum(high - x, longest),
-        )[0]  # fmt: skip
+        residual, columns = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+        return explain(self._fitted, columns, residual, None).base
 
     def _beyond_turn(self, i: int, place: int) -> tuple[Floats, Floats]:
         """Return residuals and changes of a recording less what goes with a small turn of its phase."""
