@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.parameters import Free
@@ -23,6 +24,7 @@ __all__ = [
     "RARE",
     "TWINS",
     "are_the_same",
+    "before_readout",
     "candidates",
     "cost_of",
     "details_of",
@@ -111,16 +113,16 @@ _SHAPES: Final = frozenset(
 #: Time that a simulation takes, beside that of the base pixel.
 _COST: Final[dict[str, float]] = {
     "light_rise_time": 2.0,
-    "light_drift": 1.5,
     "light_flicker": 5.0,
-    "shot_noise": 50.0,
-    "photoreceptor_bandwidth": 12.0,
-    "low_frequency_noise": 3.0,
+    "shot_noise": 8.0,
+    "photoreceptor_bandwidth": 3.0,
+    "low_frequency_noise": 2.5,
     "high_pass": 2.0,
-    "leak": 1.5,
 }
-#: and how much longer it is with flicker, beside what has more than one low-pass.
-_WITH_FLICKER: Final = 3.0
+#: How much longer it is with flicker, beside what has more than one low-pass; and what it is with light that rises
+#: slowly, beside the same.
+_WITH_FLICKER: Final = 2.0
+_WITH_RISE: Final = 25.0
 _MORE_POLES: Final = frozenset({"shot_noise", "photoreceptor_bandwidth", "low_frequency_noise"})
 #: Functions that are called for single samples; and an effect of a user's own that has none.
 _COST_OF_HOOKS: Final = 500.0
@@ -131,7 +133,11 @@ def cost_of(model: PixelModel) -> float:
     """Return about how long the model takes beside the base pixel."""
     ids = [e.id for e in model.effects]
     cost = max((_cost_of_one(e) for e in model.effects), default=1.0)
-    return cost * _WITH_FLICKER if "light_flicker" in ids and not _MORE_POLES.isdisjoint(ids) else cost
+    if _MORE_POLES.isdisjoint(ids):
+        return cost
+    if "light_rise_time" in ids:
+        return max(cost, _WITH_RISE)
+    return cost * _WITH_FLICKER if "light_flicker" in ids else cost
 
 
 def _cost_of_one(effect: Effect) -> float:
@@ -148,6 +154,11 @@ def least_share(model: PixelModel) -> float:
     if any(_couples_pixels(e) for e in model.effects):
         return 1.0
     return _MANY if any(e.id in _OF_FEW for e in model.effects) else 0.0
+
+
+def before_readout(model: PixelModel) -> PixelModel:
+    """Return the model without what happens to events behind the comparators."""
+    return replace(model, effects=tuple(e for e in model.effects if e.id not in _OF_READOUT))
 
 
 def _couples_pixels(effect: Effect) -> bool:
@@ -170,6 +181,8 @@ def _takes_hours(ids: Collection[str]) -> bool:
 
 #: Effects that couple pixels.
 _OF_ARRAY: Final = frozenset({"crosstalk", "readout_saturation", "event_rate_limit"})
+#: Effects that leave the comparators' events as they are, and change what becomes of them.
+_OF_READOUT: Final = _OF_ARRAY | {"hot_pixels", "timestamp_jitter", "trail_filter"}
 #: Few pixels have it: among less than a quarter of them there may be none.
 _OF_FEW: Final = frozenset({"hot_pixels"})
 _MANY: Final = 0.25

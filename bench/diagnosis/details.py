@@ -7,14 +7,13 @@ along straight lines; if one does better, it is free from then on.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from bench.diagnosis import robust
 from bench.diagnosis.approach import approach
-from bench.diagnosis.catalogue import cost_of, details_of
+from bench.diagnosis.catalogue import details_of
 from bench.diagnosis.explaining import explain
 from bench.diagnosis.fit import finish
 from bench.diagnosis.fitted import whiten
@@ -84,9 +83,8 @@ def _most_promising(
         return None
     base = problem.models(found.model, found.slots, found.x)
     models = [base, *([put(one, [free], [free.coordinate(value)]) for one in base] for free, value in tries)]
-    effort = _EFFORT * math.sqrt(cost_of(found.model))
     left = []
-    for sensors in problem.simulate(models, seed, effort):
+    for sensors in problem.simulate(models, seed, _EFFORT):
         there = shifted(problem, problem.expect(sensors), found.slots, found.x)
         left.append(_left(problem, found, there.value))
     best = int(np.argmin([loss for loss, _ in left[1:]]))

@@ -327,8 +327,8 @@ class Diagnosis:
 
     def _look(self, fitted: Fit, added: str | None, fall: float) -> _State:
         number = len(self._states)
-        fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
         fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
+        fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
         self._say(f"step {number}: looking for what is missing")
         scores = self._probed(fitted, number)
         for more in range(_DETAILS):

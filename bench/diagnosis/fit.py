@@ -9,14 +9,12 @@ one sensor's changes with the other's have no chance in them: squares would coun
 from __future__ import annotations
 
 import logging
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from bench.diagnosis.approach import approach, best_of
-from bench.diagnosis.catalogue import cost_of
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitted import Fit
 from bench.diagnosis.looks import loss_of, shifted
@@ -37,15 +35,14 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["finish", "fit"]
+__all__ = ["finish", "fit", "moved"]
 
 _LOG = logging.getLogger(__name__)
 
 #: Relative error that what is expected may have at the start of a fit.
 _ANYWHERE: Final = 0.3
 #: Effort of one look at the solution, how many there are at the least, and how many steps at the most: what is
-#: expected is known from all looks. A model that takes longer than the base pixel gets more effort, by the root of
-#: its cost, unless it is far off: what few pixels let expect tells little apart.
+#: expected is known from all looks.
 _FINE: Final = 3.0
 _VISITS: Final = 4
 _POLISHINGS: Final = 6
@@ -100,6 +97,26 @@ def finish(problem: Problem, near: Approach) -> Fit:
     return replace(found, frozen=frozen_of(problem, found, models, there.seen))
 
 
+def moved(problem: Problem, found: Fit, x: Floats, seed: int) -> Fit:
+    """Return a fit at other coordinates, or beside other phases: what it expects is simulated there, once.
+
+    How that changes by coordinate, and how residuals scatter, is what it was.
+    """
+    models = problem.models(found.model, found.slots, x)
+    here = shifted(problem, problem.expect(problem.simulate([models], seed, _FINE)[0]), found.slots, x)
+    return replace(
+        found,
+        model=problem.of_settings(found.model, found.slots, x)[0],
+        x=x,
+        value=here.value,
+        ratio=here.ratio,
+        roots=here.roots,
+        deviation=here.deviation,
+        residual=problem.measured.value - here.value,
+        common=(1.0 + problem.alike(models) / here.recordings) / here.more,
+    )
+
+
 @dataclass(frozen=True)
 class _Minimum:
     """A place from which no step promises much."""
@@ -117,10 +134,9 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
     # A model that is far off is not worth the effort.
     hopeless = _HOPELESS * len(problem.measured.labels)
     close = near.loss < hopeless
-    more = math.sqrt(cost_of(model)) if close else 1.0
 
     def look(x: Floats, number: int) -> tuple[Sequence[Sensor], Expectation]:
-        found = problem.simulate([problem.models(model, slots, x)], seed + 10 * number, more * _FINE)[0]
+        found = problem.simulate([problem.models(model, slots, x)], seed + 10 * number, _FINE)[0]
         return found, shifted(problem, problem.expect(found), slots, x)
 
     sensors, here = look(at, 0)
@@ -128,7 +144,7 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
         ways = well_seen(problem, model, slots, at, here, near.information, seed + 2)
     else:
         ways = directions(slots, at, near.information)
-    samples = samples_around(problem, model, slots, at, seed + 1, ways, more * _SHARP if close else _BLUNT)
+    samples = samples_around(problem, model, slots, at, seed + 1, ways, _SHARP if close else _BLUNT)
     samples.append(sample_of(problem, at, sensors))
     jacobian = slopes(problem, slots, at, here, samples, ways)
     visited, seen = [(at, here)], [sensors]

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import math
 import uuid
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.catalogue import before_readout
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.same_law import representatives
 from bench.diagnosis.summary import summarise_each
 from bench.diagnosis.views.registry import views
 from bench.models.simulation import point_chain, recording_seed
 from protocols.points import Roi
+from sim_backend.pixel.effects.light_flicker import LightFlicker
 from sim_backend.pixel.engines.fast import FastEngine
+from sim_backend.pixel.engines.readout import read_out
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator, Sequence
+    from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 
     import numpy.typing as npt
 
@@ -26,11 +30,13 @@ if TYPE_CHECKING:
     from bench.diagnosis.summary import Summary
     from bench.store.data import PointData
     from sim_backend.pixel.chain import Chain
+    from sim_backend.pixel.engines.readout import Batch, Crossings
     from sim_backend.pixel.model import PixelModel
 
 __all__ = ["Forward", "Sensor", "Task", "engine_of"]
 
-#: Sensors of few pixels that are simulated side by side: most of the time goes into calls, not into events.
+#: Sensors that are simulated side by side: of few pixels most of the time goes into calls, not into events; of the
+#: same pixels it goes into these, not into what happens behind them.
 _TOGETHER: Final = 4
 
 #: A window is not made smaller than this many pixels on a side.
@@ -70,19 +76,21 @@ def sensors_of(task: Task) -> list[Sensor]:
     """Simulate a task; points with the same law are taken once for each sensor."""
     taken = [_Taken(task, models, number) for models, number in zip(task.models, task.sensors, strict=True)]
     found: list[list[Summary]] = [[] for _ in taken]
+    whole = task.share >= 1.0  # what pixels do to each other is looked at in one sensor at a time
     for index in range(len(task.points)):
-        fresh = [i for i, one in enumerate(taken) if one.same[index] == index]
+        fresh = [i for i, one in enumerate(taken) if one.is_looked_at(index)]
         if fresh:
             frame = _frame(task, index)
-            recording = Recording(frame, *(taken[i].events(frame, index) for i in fresh))
-            summaries = summarise_each(recording, views(), whole=task.share >= 1.0)
-            for i, summary in zip(fresh, summaries, strict=True):
-                found[i].append(summary)
+            pixels = _Pixels(taken[i].pixels(index) for i in fresh)
+            for some in [[i] for i in fresh] if whole else [fresh]:
+                recording = Recording(frame, *(taken[i].events(frame, index, pixels) for i in some))
+                for i, summary in zip(some, summarise_each(recording, views(), whole=whole), strict=True):
+                    found[i].append(summary)
         for i, one in enumerate(taken):
-            if one.same[index] < index:
+            if i not in fresh:
                 found[i].append(found[i][one.same[index]])
-    whole = sum(p.roi.pixels for p in task.points)
-    share = sum(_part(p, task.share).roi.pixels for p in task.points) / whole
+    pixels_of_all = sum(p.roi.pixels for p in task.points)
+    share = sum(_part(p, task.share).roi.pixels for p in task.points) / pixels_of_all
     return [Sensor(tuple(summaries), share) for summaries in found]
 
 
@@ -95,15 +103,61 @@ class _Taken:
         self._engine = engine_of(task.dt_s)
         self._seed = recording_seed(task.seed, number, 0)
         self._chains: dict[Hashable, Chain] = {}  # points at one setting have the same pixels
+        self._events: dict[int, list[npt.NDArray[np.void]]] = {}  # of laws whose points are looked at one by one
 
-    def events(self, frame: Frame, index: int) -> Iterator[npt.NDArray[np.void]]:
-        """Yield the events of a point."""
-        point, model = frame.point, self._models[index]
-        pixels = (id(model), point.roi, point.attributes.get("ambient"))
-        if pixels not in self._chains:
-            self._chains[pixels] = point_chain(point, model, self._seed)
+    def is_looked_at(self, index: int) -> bool:
+        """Return whether a point is looked at by itself: its law is new, or it is looked at beside its own ripple."""
+        return self.same[index] == index or self._ripples(index)
+
+    def pixels(self, index: int) -> Hashable:
+        """Return what the comparators' events depend on: sensors that differ behind these alone have the same."""
+        return self._number, before_readout(self._models[index])
+
+    def events(self, frame: Frame, index: int, pixels: _Pixels) -> Iterable[npt.NDArray[np.void]]:
+        """Return the events of a point, or those of the first one with the same law."""
+        if not self._ripples(index):
+            return self._simulated(frame, index, pixels)
+        first = self.same[index]
+        if first not in self._events:
+            self._events[first] = list(self._simulated(frame, index, pixels))
+        return self._events[first]
+
+    def _ripples(self, index: int) -> bool:
+        """Return whether events go with a ripple, each point's at a phase of its own to the one seen in the run."""
+        seen = "ripple_hz" in self._task.points[index].attributes
+        return seen and self._models[index].effect(LightFlicker.id) is not None
+
+    def _simulated(self, frame: Frame, index: int, pixels: _Pixels) -> Iterator[npt.NDArray[np.void]]:
+        point = frame.point
+        chain = self._chain(frame, index)
         seed = recording_seed(self._task.seed, self._number, 1 + point.index)
-        return self._engine.events(self._chains[pixels], frame.light, point.duration_s, seed)
+        crossings = pixels.crossings(
+            self.pixels(index), lambda: self._engine.crossings(chain, frame.light, point.duration_s, seed)
+        )
+        return read_out(chain, seed, point.duration_s, crossings)
+
+    def _chain(self, frame: Frame, index: int) -> Chain:
+        point, model = frame.point, self._models[index]
+        key = (id(model), point.roi, point.attributes.get("ambient"))
+        if key not in self._chains:
+            self._chains[key] = point_chain(point, model, self._seed)
+        return self._chains[key]
+
+
+class _Pixels:
+    """What the comparators of a point send, for sensors that may differ behind these alone: found once for all."""
+
+    def __init__(self, wanted: Iterable[Hashable]) -> None:
+        self._wanted = Counter(wanted)
+        self._known: dict[Hashable, list[Batch]] = {}
+
+    def crossings(self, pixels: Hashable, found: Callable[[], Crossings]) -> Crossings:
+        """Return the comparators' events; only those that are wanted again are kept."""
+        if self._wanted[pixels] == 1:
+            return found()
+        if pixels not in self._known:
+            self._known[pixels] = list(found())
+        return iter(self._known[pixels])
 
 
 #: The windows of points that were simulated before in this process.
@@ -188,7 +242,8 @@ class Forward:
         """
         shares = [share] * len(models) if isinstance(share, float) else list(share)
         found: dict[tuple[int, int], Sensor] = {}
-        bundles = _bundles(shares, sensors)
+        pixels = [repr([before_readout(m) for m in dict.fromkeys(one)]) for one in models]
+        bundles = _bundles(shares, pixels, sensors)
         tasks = [self._task([models[i] for i, _ in some], [s for _, s in some], seed, part) for part, some in bundles]
         for number, taken in self._executor.map(sensors_of, tasks, name=_name):
             for place, sensor in zip(bundles[number][1], taken, strict=True):
@@ -203,16 +258,23 @@ class Forward:
         return Task(self._points, each, tuple(sensors), self.dt_s, seed, share, self._run)
 
 
-def _bundles(shares: Sequence[float], sensors: int) -> list[tuple[float, list[tuple[int, int]]]]:
-    """Return which sensors of which models are simulated side by side, with their share of the pixels."""
-    places: dict[float, list[tuple[int, int]]] = {}
+def _bundles(
+    shares: Sequence[float], pixels: Sequence[str], sensors: int
+) -> list[tuple[float, list[tuple[int, int]]]]:  # fmt: skip
+    """Return which sensors of which models are simulated side by side, with their share of the pixels.
+
+    Whole sensors are only where their pixels are the same: there is enough to do for each of the others.
+    """
+    places: dict[tuple[float, Hashable], list[tuple[int, int]]] = {}
     for index, share in enumerate(shares):
-        places.setdefault(share, []).extend((index, sensor) for sensor in range(sensors))
-    found = []
-    for share, mine in places.items():
-        size = 1 if share >= 1.0 else _TOGETHER
-        found += [(share, mine[first : first + size]) for first in range(0, len(mine), size)]
-    return found
+        for sensor in range(sensors):
+            alike = (pixels[index], sensor) if share >= 1.0 else None
+            places.setdefault((share, alike), []).append((index, sensor))
+    return [
+        (share, mine[first : first + _TOGETHER])
+        for (share, _), mine in places.items()
+        for first in range(0, len(mine), _TOGETHER)
+    ]
 
 
 def _name(task: Task) -> str:

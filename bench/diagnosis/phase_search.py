@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["sharper_phases"]
 
 #: Phases that are simulated, and those that are looked at between them.
-_SIMULATED: Final = 8
+_SIMULATED: Final = 6
 _LOOKED_AT: Final = 64
 #: Harmonics of the phase in what is expected: half of what is done at all of them is chance.
 _HARMONICS: Final = 2
@@ -41,8 +41,6 @@ _CHANCE: Final = 4.0
 _ROUNDS: Final = 10
 #: A shorter turn, in standard errors, is none.
 _NO_TURN: Final = 1e-9
-#: Points of one law are simulated once, but the ripple of each is seen at a phase of its own: so their models differ.
-_TELLS_APART: Final = 1e-6
 
 
 def sharper_phases(problem: Problem, fitted: Fit, seed: int) -> tuple[list[float | None], Floats]:
@@ -71,9 +69,8 @@ class _Turned:
 
     def __init__(self, problem: Problem, fitted: Fit, seed: int) -> None:
         self._problem, self._fitted = problem, fitted
-        apart = [_TELLS_APART * i for i in range(len(problem.points))]
         at = 2.0 * math.pi * np.arange(_SIMULATED) / _SIMULATED
-        turned = [replace(problem, phases=tuple(float(phase) + more for more in apart)) for phase in at]
+        turned = [replace(problem, phases=(float(phase),) * len(problem.points)) for phase in at]
         models = [one.models(fitted.model, fitted.slots, fitted.x) for one in turned]
         seen = [
             shifted(problem, problem.expect(sensors), fitted.slots, fitted.x)

@@ -179,12 +179,22 @@ class Problem:
         effort
             Runs of the base pixel, to which all points are different, that take as long.
         """
+        return self._simulated(models, self._wanted(models, effort), seed)
+
+    def _wanted(self, models: Sequence[Sequence[PixelModel]], effort: float) -> list[tuple[int, float]]:
+        """Return how many sensors of each model to simulate, and the share of the pixels that they have."""
         amounts = [min(max(effort / self.cost(m), _LEAST), _MOST) for m in models]
         sensors = [max(int(a), _SENSORS) for a in amounts]
+        shares = [max(a / n, least_share(m[0])) for a, n, m in zip(amounts, sensors, models, strict=True)]
+        return [(number, min(share, 1.0)) for number, share in zip(sensors, shares, strict=True)]
+
+    def _simulated(
+        self, models: Sequence[Sequence[PixelModel]], wanted: Sequence[tuple[int, float]], seed: int
+    ) -> list[list[Sensor]]:
         found: list[list[Sensor]] = [[] for _ in models]
-        for number in sorted(set(sensors)):
-            mine = [i for i, s in enumerate(sensors) if s == number]
-            shares = [min(max(amounts[i] / number, least_share(models[i][0])), 1.0) for i in mine]
+        for number in sorted({number for number, _ in wanted}):
+            mine = [i for i, (sensors, _) in enumerate(wanted) if sensors == number]
+            shares = [wanted[i][1] for i in mine]
             for i, seen in zip(mine, self.forward.run([models[i] for i in mine], seed, number, shares), strict=True):
                 found[i] = seen
         return found
@@ -207,14 +217,13 @@ class Problem:
 
         Both are simulated with the same random numbers, and of equally many pixels.
         """
-        simulated = self.simulate(models, seed, effort)
-        sizes = sorted({(len(s), s[0].share) for s in simulated})
-        known = {
-            (number, share): self.forward.run([base], seed, number, share)[0] for number, share in sizes
-        }  # fmt: skip
+        wanted = self._wanted(models, effort)
+        sizes = sorted(set(wanted))
+        simulated = self._simulated([*([base] * len(sizes)), *models], [*sizes, *wanted], seed)
+        known = dict(zip(sizes, simulated[: len(sizes)], strict=True))
         array = np.array([label.of_array for label in self.measured.labels], dtype=np.bool_)
-        for there in simulated:
-            here = known[len(there), there[0].share]
+        for there, size in zip(simulated[len(sizes) :], wanted, strict=True):
+            here = known[size]
             pairs = [(self.expect(there[half::2]), self.expect(here[half::2])) for half in range(2)]
             halves = np.stack([np.where(t.scatter.few | h.scatter.few, 0.0, t.value - h.value) for t, h in pairs])
             if there[0].share < 1.0:

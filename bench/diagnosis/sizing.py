@@ -7,14 +7,13 @@ it is looked at in that size, is not what is missing.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from bench.diagnosis import robust
-from bench.diagnosis.catalogue import cost_of, switches
+from bench.diagnosis.catalogue import switches
 from bench.diagnosis.explaining import BEYOND, explain
 from bench.diagnosis.judging import freedom
 from bench.diagnosis.probing import GROSS, WELL_SEEN, closer, fainter, looks_of, probes_at, seen_of, well_sized
@@ -46,8 +45,8 @@ _TOO_LARGE: Final = 0.5
 _AT_MOST: Final = 4.0
 #: A share of what is too much in the loss is enough to go on with.
 _ENOUGH: Final = 0.1
-#: Where what may be missing is small, so many of the most promising are looked at closer, with this effort; with more
-#: where the fitted model takes longer, by the root of its cost, as its fit does. Chance promises a fall of one.
+#: Where what may be missing is small, so many of the most promising are looked at closer, with this effort. Chance
+#: promises a fall of one.
 _CLOSER: Final = 8
 _WORTH_ASKING: Final = 2.0
 _CLOSER_EFFORT: Final = 2.0
@@ -72,15 +71,14 @@ def probe(
     shares, falls = _expected(problem, fit, found)
     best = [int(i) for i in np.argsort(falls)[-_CLOSER:]]
     sizes = [np.where(shares[i] >= BEYOND, BEYOND, 1.0) for i in best]
-    effort = _CLOSER_EFFORT * math.sqrt(cost_of(fit.model))
-    again = closer(problem, fit, [found[i] for i in best], sizes, seed + 1, effort)
+    again = closer(problem, fit, [found[i] for i in best], sizes, seed + 1, _CLOSER_EFFORT)
     for i, one in zip(best, again, strict=True):
         found[i] = one
     # What stood out by chance is fainter once it is looked at closer; what then promises nothing is not asked again.
     falls = _expected(problem, fit, found)[1]
     larger = {i: fainter(problem, fit, found[i], seen) for i in best if falls[i] > _WORTH_ASKING}
     faint = [i for i, factors in larger.items() if np.any(factors > 1.0)]
-    again = closer(problem, fit, [found[i] for i in faint], [larger[i] for i in faint], seed + 2, effort)
+    again = closer(problem, fit, [found[i] for i in faint], [larger[i] for i in faint], seed + 2, _CLOSER_EFFORT)
     for i, one in zip(faint, again, strict=True):
         # What sets in beyond some size is no line from nothing.
         found[i] = one if max(looks_of(problem, fit, one)) < GROSS else found[i]

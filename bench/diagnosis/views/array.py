@@ -43,7 +43,8 @@ class Neighbours(View):
         frame, n = recording.frame, recording.frame.pixels
         width = frame.point.roi.width
         # Events of one time come row by row: without another order neighbours would follow each other.
-        order = np.lexsort((recording.pixel * _SHUFFLE % 2**32, recording.t_us))
+        shuffled = recording.pixel * _SHUFFLE % 2**32 >> 16
+        order = np.argsort((recording.t_us << 16) + shuffled, kind="stable")
         t, p = recording.t_us[order], recording.p[order]
         place = np.flatnonzero(frame.rank >= 0)[recording.pixel[order]]
         x, y = place % width, place // width

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["cut_for_memory", "memory_slopes", "with_stairs"]
 
 #: Stairs in a period of flicker at the least.
-_STAIRS: Final = 10.0
+_STAIRS: Final = 7.0
 #: and none is higher than this, relatively.
 _HIGHEST: Final = 0.04
 #: They have the heights of so many phases: equal stairs are the same light, whose law is worked out once.

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from bench.diagnosis.forward import Task, sensors_of
 from bench.diagnosis.views.registry import VIEWS
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import DarkCurrent, HotPixels, Leak, ThresholdMismatch
+from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, ThresholdMismatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,18 +21,20 @@ MODELS = (
     PIXEL + DarkCurrent(3.0),
     PIXEL + Leak(0.3) + ThresholdMismatch(0.03, 0.03),
     PIXEL + HotPixels(fraction=0.2, rate_hz=30.0),
+    PIXEL + Crosstalk(0.2),
 )
 
 
-def test_side_by_side_or_each_by_itself(point: Callable[..., Any]) -> None:
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_side_by_side_or_each_by_itself(point: Callable[..., Any], share: float) -> None:
     """Every view, of part of the pixels and of points of which some have the same law under some of the models."""
     points = (point(0, 0.3, lux=1.0), point(1, 0.3, lux=10.0), point(2, 0.0, lux=1.0), point(3, 0.0, lux=10.0))
     models = tuple((model,) * len(points) for model in MODELS)
-    numbers = (0, 1, 0, 3)
-    together = sensors_of(Task(points, models, numbers, 2e-5, seed=1, share=0.25))
+    numbers = (0, 1, 0, 3, 0)  # the first and the last have the same pixels
+    together = sensors_of(Task(points, models, numbers, 2e-5, seed=1, share=share))
     for model, number, beside in zip(models, numbers, together, strict=True):
-        alone = sensors_of(Task(points, (model,), (number,), 2e-5, seed=1, share=0.25))[0]
-        assert beside.share == alone.share == 0.25
+        alone = sensors_of(Task(points, (model,), (number,), 2e-5, seed=1, share=share))[0]
+        assert beside.share == alone.share == share
         for one, other in zip(alone.summaries, beside.summaries, strict=True):
             assert np.array_equal(one.top, other.top)
             assert np.array_equal(one.bottom, other.bottom)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.diagnosis import probing, sizing
-from bench.diagnosis.catalogue import cost_of, switches
+from bench.diagnosis.catalogue import switches
 from bench.diagnosis.explaining import explain
 from bench.diagnosis.fitted import Fit
 from bench.diagnosis.parameters import base_parameters
@@ -98,27 +98,6 @@ def test_a_probe_is_tried_until_it_is_of_the_wanted_size(asked: list[tuple[str, 
     well_sized(PROBLEM, fit, [LEAK], 1, 0.1, known)
     assert asked[1][1] == pytest.approx(25.0 / seen, rel=0.01)
     assert len(asked) == 2
-
-
-def test_a_model_that_takes_longer_gets_more_effort(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else the last of several effects is sought with fewer pixels than the first."""
-    efforts: dict[float, list[float]] = {}
-
-    def closer(_: Any, __: Any, probes: Sequence[Probe], ___: Any, ____: int, effort: float) -> list[Probe]:
-        efforts.setdefault(cost_of(fit.model), []).append(effort)
-        return list(probes)
-
-    monkeypatch.setattr(sizing, "closer", closer)
-    column = np.stack([DIRECTION[:, None]] * 2)
-    found = [Probe(e, switches(e), (1.0,), column) for e in (LEAK, CROSSTALK)]
-    monkeypatch.setattr(sizing, "well_sized", lambda *_: list(found))
-    slow = effects()["photoreceptor_bandwidth"](hz_per_fa=5.0, max_hz=3000.0)  # type: ignore[call-arg]
-    for model in (PixelModel(), PixelModel() + slow):
-        fit = replace(fit_with(DIRECTION), model=model)
-        sizing.probe(PROBLEM, fit, [LEAK, CROSSTALK], 1, False, {})
-    ((usual, *_), (more, *_)) = efforts.values()
-    assert more / usual == pytest.approx(np.sqrt(max(efforts)))
-    assert more > usual
 
 
 def test_what_stood_out_by_chance_is_asked_again_in_a_larger_size(
