@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 from bench.diagnosis.forward import Task, sensors_of
 from bench.diagnosis.views.registry import VIEWS
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, ThresholdMismatch
+from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, LightFlicker, ThresholdMismatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,3 +51,23 @@ def test_part_of_the_pixels_says_nothing_about_the_array(point: Callable[..., An
     # Neighbours and bursts come last under pulses.
     assert [view.id for view in VIEWS if view.of_array] == ["neighbours", "burst"]
     assert missing[-2:].all()
+
+
+def test_points_of_one_law_share_a_ripple_and_are_each_looked_at_beside_their_own(point: Callable[..., Any]) -> None:
+    """At one phase of the ripple they send the same events; the phase that is seen in each run's point is its own."""
+    model = PIXEL + LightFlicker(depth=0.1, frequency_hz=97.0, phase=1.0)
+    asked = [point(i, 0.0, lux=lux) for i, lux in enumerate((1.0, 10.0))]
+    seen = {"ripple_hz": 97.0, "ripple_off_rad": 0.0}
+    points = tuple(
+        replace(one, attributes={**one.attributes, **seen, "ripple_on_rad": turn})
+        for one, turn in zip(asked, (0.0, 0.5 * math.pi), strict=True)
+    )
+    of_both = sensors_of(Task(points, ((model,) * 2,), (0,), 2e-5, seed=1))[0].summaries
+    of_second = sensors_of(Task((points[0], points[0]), ((model,) * 2,), (0,), 2e-5, seed=1))[0].summaries
+    assert np.array_equal(of_second[0].top, of_second[1].top)
+    # A quarter of a turn: what goes across the one goes along with the other. ON is the last but for the quarter.
+    different = np.flatnonzero(of_both[0].top != of_both[1].top)
+    assert len(different) == 2
+    along, across = different
+    assert of_both[1].top[along] == pytest.approx(of_both[0].top[across])
+    assert of_both[1].top[across] == pytest.approx(-of_both[0].top[along])
