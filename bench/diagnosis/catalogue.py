@@ -30,6 +30,7 @@ __all__ = [
     "details_of",
     "free_of",
     "least_share",
+    "least_size",
     "numbers_of",
     "probe_of",
     "sized",
@@ -81,7 +82,7 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "threshold_mismatch": (("sigma_on", "square", 0.025, 0.3), ("sigma_off", "square", 0.025, 0.3)),
     "comparator_delay": (("delay_s", "linear", 2e-4, 0.05),),
     "refractory_mismatch": (("spread", "square", 0.3, 2.0),),
-    "hot_pixels": (("fraction", "linear", 0.02, 0.5), ("rate_hz", "log", 10.0, 1e4)),
+    "hot_pixels": (("fraction", "linear", 0.1, 0.5), ("rate_hz", "log", 10.0, 1e4)),
     "crosstalk": (("probability", "linear", 0.02, 0.9),),
     "readout_saturation": (("max_rate_eps", "inverse", 1e5, math.inf),),
     "event_rate_limit": (("max_rate_eps", "inverse", 1e5, math.inf),),
@@ -161,6 +162,14 @@ def before_readout(model: PixelModel) -> PixelModel:
     return replace(model, effects=tuple(e for e in model.effects if e.id not in _OF_READOUT))
 
 
+def least_size(effect: type[Effect], least: float) -> float:
+    """Return the least size at which to look for an effect, beside that of the catalogue; of most it is `least`.
+
+    How many pixels have it is a straight line: of a smaller share of them there may be none among those simulated.
+    """
+    return 1.0 if effect.id in _OF_FEW else least
+
+
 def _couples_pixels(effect: Effect) -> bool:
     """Return whether pixels know of each other: a user's effect does not if it is made of functions of a pixel."""
     if effect.id in _FITTED:
@@ -183,7 +192,7 @@ def _takes_hours(ids: Collection[str]) -> bool:
 _OF_ARRAY: Final = frozenset({"crosstalk", "readout_saturation", "event_rate_limit"})
 #: Effects that leave the comparators' events as they are, and change what becomes of them.
 _OF_READOUT: Final = _OF_ARRAY | {"hot_pixels", "timestamp_jitter", "trail_filter"}
-#: Few pixels have it: among less than a quarter of them there may be none.
+#: Few pixels have it: among less than a quarter of them there may be none, even of a share that is well seen.
 _OF_FEW: Final = frozenset({"hot_pixels"})
 _MANY: Final = 0.25
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import probe_of, switches
+from bench.diagnosis.catalogue import least_size, probe_of, switches
 from bench.diagnosis.judging import deviance, freedom
 from bench.diagnosis.looks import delays, later
 from bench.diagnosis.screen import basis_of, beyond, extended
@@ -104,8 +104,9 @@ def well_sized(
             wanted = sizes_for(problem, fit, effect, seen)
             # What is gross is seen even better than it looks: no statistic counts for more than a few.
             # What may be chance is looked at in a larger size.
+            least = least_size(effect, _SMALLEST)
             others = tuple(
-                min(new, _SMALLER * size) if n > GROSS else new if sure else min(_GROWTH * size, _LARGEST)
+                max(min(new, _SMALLER * size), least) if n > GROSS else new if sure else min(_GROWTH * size, _LARGEST)
                 for new, size, n, sure in zip(wanted, sizes, looks, clear, strict=True)
             )
             if any(not 1.0 / _ABOUT <= size / new <= _ABOUT for size, new in zip(sizes, others, strict=True)):
@@ -171,7 +172,9 @@ def sizes_for(
     missing = math.sqrt(max(deviance(problem, fit) - freedom(fit), 0.0))
     wanted = max(missing, WELL_SEEN)
     known = [seen.get((f.owner, f.name)) for f in switches(effect)]
-    return tuple(_FIRST if s is None else min(max(wanted / max(s, 1e-9), _SMALLEST), _LARGEST) for s in known)
+    least = least_size(effect, _SMALLEST)
+    sizes = (_FIRST if s is None else min(wanted / max(s, 1e-9), _LARGEST) for s in known)
+    return tuple(max(size, least) for size in sizes)
 
 
 def probes_at(

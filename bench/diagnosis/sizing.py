@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis import robust
-from bench.diagnosis.catalogue import switches
+from bench.diagnosis.catalogue import least_size, switches
 from bench.diagnosis.explaining import BEYOND, explain
 from bench.diagnosis.judging import freedom
 from bench.diagnosis.probing import GROSS, WELL_SEEN, closer, fainter, looks_of, probes_at, seen_of, well_sized
@@ -142,6 +142,8 @@ def _other_size(one: Probe, share: Floats) -> Floats:
     """Return at which size, beside that of a probe, its numbers are probed again; it is to be seen there."""
     least = [min(WELL_SEEN / max(seen_of(*one.change[:, :, k]), 1e-9), 1.0) for k in range(len(share))]
     smaller = np.where((share > 0.0) & (share < _TOO_LARGE), np.maximum(share, least), 1.0)
+    now = np.abs(np.asarray(one.at)) / [free.coordinate(free.probe) for free in one.free]
+    smaller = np.maximum(smaller, np.minimum(least_size(one.effect, 0.0) / now, 1.0))
     return np.asarray(np.where(share >= BEYOND, _AT_MOST, smaller))
 
 
