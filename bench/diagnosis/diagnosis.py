@@ -103,6 +103,7 @@ class _State:
         self.added = added
         self.fall = fall  #: share of what was too much in the deviance that the effect took away
         self.refitted: dict[str, Found] = {}
+        self.hopeless: frozenset[str] = frozenset()  #: effects that come nowhere near the best
         self.tied: tuple[str, ...] = ()
         self.proposal: str | None = None
         self.chosen = False  #: whether a proposal was looked for
@@ -408,6 +409,11 @@ class Diagnosis:
         twins = [TWINS[name] for name in names if name in TWINS]
         return [*names, *(name for name in dict.fromkeys(twins) if name in known and name not in names)]
 
+    def _without_the_same(self, names: Sequence[str]) -> list[str]:
+        """Return effects without those that are the same in this run as a more usual one among them."""
+        points = self.problem.points
+        return [n for n in names if n not in RARE or not any(are_the_same(n, other, points) for other in names)]
+
     def _propose(
         self, state: _State, shortlist: Sequence[str], worth: float = _WORTH, most: int | None = None
     ) -> None:  # fmt: skip
@@ -421,7 +427,7 @@ class Diagnosis:
             So many of them are fitted to the end.
         """
         far_off = self._far_off(state.fit)
-        refitted = self._refitted(state, shortlist, most)
+        refitted = self._refitted(state, self._without_the_same(shortlist), most)
         found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
         if not far_off:  # what the screen promises of a small effect may be chance, in the changes it expects
             before = Found(state.added or "", state.fit, deviance(self.problem, state.fit))
@@ -430,7 +436,7 @@ class Diagnosis:
             return
         found = self._with_the_nearest_first(found)
         best = found[0]
-        refused = {f.effect for f in refitted} - {f.effect for f in found}
+        refused = ({f.effect for f in refitted} - {f.effect for f in found}) | state.hopeless
         rivals = [name for name in shortlist if name not in refused] if far_off else ()
         judged = [i for i in range(len(state.scores.probes)) if self._can_judge(state.scores, i)]
         tied = (best.effect, *tied_with(self.problem, best, found, state.scores, judged, rivals, self._seed + 31))
@@ -466,8 +472,9 @@ class Diagnosis:
             far_off = self._far_off(state.fit)
             seed = self._seed + 100 * len(self._states) + 21
             numbers = [ids.index(name) for name in unknown]
-            for found in refitted(self.problem, state.fit, state.scores, numbers, seed, far_off, most):
-                state.refitted[found.effect] = found
+            made = refitted(self.problem, state.fit, state.scores, numbers, seed, far_off, most)
+            state.refitted |= {found.effect: found for found in made.found}
+            state.hopeless |= made.hopeless
         return [state.refitted[name] for name in effect_ids if name in state.refitted]
 
     def _can_judge(self, scores: Scores, i: int) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["entrant", "near_by", "race"]
+__all__ = ["Raced", "entrant", "near_by", "race"]
 
 #: Steps of a way where the model was far off, and where it was not; and the relative error that what is expected may
 #: have at the start where it was.
@@ -109,8 +109,15 @@ def near_by(problem: Problem, one: Approach) -> Approach:
     return way
 
 
-def race(problem: Problem, entrants: Sequence[Approach], most: int | None = None) -> list[Approach | None]:
-    """Return the entrants near their minima, which may be anywhere; None for those that are left behind.
+class Raced(NamedTuple):
+    """What came of an entrant."""
+
+    way: Approach | None  #: near its minimum; None: left behind
+    hopeless: bool  #: it was left so far behind that it cannot be what another one is
+
+
+def race(problem: Problem, entrants: Sequence[Approach], most: int | None = None) -> list[Raced]:
+    """Return the entrants near their minima, which may be anywhere, or left behind.
 
     Parameters
     ----------
@@ -140,7 +147,11 @@ def race(problem: Problem, entrants: Sequence[Approach], most: int | None = None
             going[k] = min(way, again, key=lambda one: one.loss)
     kept = _rivals(going, _EARLY_RIVALS)
     ends = [way and further(problem, way, _FURTHER) for way in kept]
-    return _rivals([way and _resized(problem, way) for way in ends], _RIVALS)
+    last = [way and _resized(problem, way) for way in ends]
+    best = _best(last) or best
+    seen = [a or b or c for a, b, c in zip(last, going, found, strict=True)]
+    beaten = _rivals(seen, _RIVALS if best.loss < _GOOD * len(problem.measured.value) else _EARLY_RIVALS)
+    return [Raced(way, one is None) for way, one in zip(_rivals(last, _RIVALS), beaten, strict=True)]
 
 
 def _best(ways: Sequence[Approach | None]) -> Approach | None:

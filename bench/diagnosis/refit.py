@@ -10,7 +10,7 @@ import numpy as np
 from bench.diagnosis.catalogue import least_share, switches
 from bench.diagnosis.fit import finish
 from bench.diagnosis.judging import deviance_beside
-from bench.diagnosis.race import entrant, near_by, race
+from bench.diagnosis.race import Raced, entrant, near_by, race
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.screen import Scores
 
-__all__ = ["Found", "needless", "refitted"]
+__all__ = ["Found", "Refitted", "needless", "refitted"]
 
 #: An effect whose numbers are all fewer standard errors from null is needless; one that was added before it was known
 #: what else is missing is so up to the size that a search among all effects takes for more than chance.
@@ -37,11 +37,19 @@ class Found:
     deviance: float  #: with as many residuals as the fit before
 
 
+@dataclass(frozen=True)
+class Refitted:
+    """What came of some candidates."""
+
+    found: tuple[Found, ...]  #: those that come close to the best of them
+    hopeless: frozenset[str]  #: those that come nowhere near it
+
+
 def refitted(
     problem: Problem, here: Fit, scores: Scores, candidates: Sequence[int], seed: int, far_off: bool,
     most: int | None = None,
-) -> list[Found]:  # fmt: skip
-    """Return the models with one of these candidates more, fitted; those that come close to the best of them.
+) -> Refitted:  # fmt: skip
+    """Return the models with one of these candidates more, fitted.
 
     Parameters
     ----------
@@ -51,23 +59,27 @@ def refitted(
         No more than so many go all the way there.
     """
     entrants = [entrant(problem, here, scores, i, seed, far_off) for i in candidates]
-    ways = _raced(problem, entrants, most) if far_off else [near_by(problem, one) for one in entrants]
+    if far_off:
+        raced = _raced(problem, entrants, most)
+    else:
+        raced = [Raced(near_by(problem, one), hopeless=False) for one in entrants]
+    names = [scores.probes[i].effect.id for i in candidates]
     found = []
-    for i, way in zip(candidates, ways, strict=True):
-        if way is not None:
-            fitted = finish(problem, way)
-            found.append(Found(scores.probes[i].effect.id, fitted, deviance_beside(problem, fitted, here)))
-    return found
+    for name, one in zip(names, raced, strict=True):
+        if one.way is not None:
+            fitted = finish(problem, one.way)
+            found.append(Found(name, fitted, deviance_beside(problem, fitted, here)))
+    return Refitted(tuple(found), frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless))
 
 
-def _raced(problem: Problem, entrants: Sequence[Approach], most: int | None) -> list[Approach | None]:
+def _raced(problem: Problem, entrants: Sequence[Approach], most: int | None) -> list[Raced]:
     """Return what a race leaves of them; those of which whole sensors are simulated go last.
 
     If another one explains the run, a few looks leave them behind, while their own way takes minutes.
     """
     order = sorted(range(len(entrants)), key=lambda k: least_share(entrants[k].model))
-    ways = dict(zip(order, race(problem, [entrants[k] for k in order], most), strict=True))
-    return [ways[k] for k in range(len(entrants))]
+    raced = dict(zip(order, race(problem, [entrants[k] for k in order], most), strict=True))
+    return [raced[k] for k in range(len(entrants))]
 
 
 def needless(problem: Problem, one: Fit, effect_id: str, *, before: bool = False) -> bool:

@@ -86,7 +86,8 @@ LEAK = entrant(Leak(0.1), "rate_per_s", 0.3)
 
 def test_once_one_explains_the_run_the_others_have_to_do_as_well(walks: dict[str, list[Any]]) -> None:
     found = race(FakeProblem(), [DARK, LEAK, STRAY])  # type: ignore[arg-type]
-    assert [way and way.loss for way in found] == [90.0, None, 95.0]
+    assert [one.way and one.way.loss for one in found] == [90.0, None, 95.0]
+    assert [one.hopeless for one in found] == [False, True, False]
     # The leak was only looked at; stray light goes on from the base numbers of the dark current.
     assert walks["along"] == ["dark_current", "stray_light"]
     assert walks["looks"].count("leak") == 14
@@ -95,14 +96,14 @@ def test_once_one_explains_the_run_the_others_have_to_do_as_well(walks: dict[str
 
 def test_where_many_are_asked_only_the_best_go_all_the_way(walks: dict[str, list[Any]]) -> None:
     found = race(FakeProblem(), [LEAK, STRAY, DARK], most=1)  # type: ignore[arg-type]
-    assert [way and way.loss for way in found] == [None, None, 90.0]
+    assert [one.way and one.way.loss for one in found] == [None, None, 90.0]
     assert walks["further"] == ["dark_current"]
     assert walks["looks"].count("leak") == 0  # it is out before it is tried with the numbers of the best
 
 
 def test_those_before_the_best_are_tried_with_its_numbers(walks: dict[str, list[Any]]) -> None:
     found = race(FakeProblem(), [LEAK, DARK])  # type: ignore[arg-type]
-    assert [way and way.loss for way in found] == [None, 90.0]
+    assert [one.way and one.way.loss for one in found] == [None, 90.0]
     assert walks["along"] == ["leak", "dark_current"]  # nothing was known that explains the run
     assert walks["looks"] == ["leak"] * 14 + ["dark_current"] * 7  # at the end its own size is doubted
     assert walks["further"] == ["dark_current"]
@@ -116,7 +117,7 @@ def test_a_way_that_ended_at_another_size_goes_on_from_where_it_is_better(
 
     monkeypatch.setattr(module, "further", into_a_valley)
     found = race(FakeProblem(), [DARK])  # type: ignore[arg-type]
-    assert [way and way.loss for way in found] == [90.0]
+    assert [one.way and one.way.loss for one in found] == [90.0]
     assert walks["along"] == ["dark_current", "dark_current"]
 
 
