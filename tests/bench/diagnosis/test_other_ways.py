@@ -200,6 +200,18 @@ def test_effects_that_want_whole_sensors_are_raced_last(monkeypatch: pytest.Monk
     assert raced == [entrants[k] for k in (1, 3, 2, 0)]
 
 
+@pytest.mark.parametrize("ambient", ["open", "shrouded"])
+def test_what_is_the_same_in_a_run_is_fitted_once(ambient: str) -> None:
+    """Behind a shroud there is no stray light, but a dark current: there they are not the same."""
+    made = Promising([], {})
+    point = SimpleNamespace(attributes={"ambient": ambient})
+    made._session = SimpleNamespace(problem=SimpleNamespace(points=[point]))  # type: ignore[assignment]
+    names = ["stray_light", "leak", "dark_current", "light_drift"]
+    left = ["leak", "dark_current", "light_drift"] if ambient == "open" else names
+    assert made._without_the_same(names) == left
+    assert made._without_the_same(["stray_light", "leak"]) == ["stray_light", "leak"]
+
+
 def test_what_explains_some_of_it_alone_is_not_taken_for_what_is_missing() -> None:
     made = Promising([], {"crosstalk": 0.4, "hot_pixels": 0.7})
     state = made.state()

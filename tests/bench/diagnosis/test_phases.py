@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from bench.diagnosis import phase_search
+from bench.diagnosis import session as session_module
 from bench.diagnosis.parameters import base_parameters
 from bench.diagnosis.phase_search import sharper_phases
 from bench.diagnosis.phases import phases_of, with_phases
@@ -128,3 +129,51 @@ def test_without_a_ripple_nothing_is_said(point: Callable[..., Any], run_of: Cal
     taken = list(run_of(points(point), PIXEL, 5).points())
     assert with_ripple(taken) == taken
     assert summarise(Recording(Frame(taken[0]), taken[0].events()), (Locked(),)).labels == ()
+
+
+class FollowedInTurns:
+    """Phases that come closer in each round, as the errors say, and fits that know of the last ones."""
+
+    def __init__(self, errors: dict[tuple[float, ...], float]) -> None:
+        self.errors, self.fitted = errors, 0
+
+    def sharper_phases(self, problem: Any, _: Any, seed: int) -> Any:
+        best = min(self.errors)
+        return [max(problem.phases[0] - 1.0, best[0])], np.zeros(1)
+
+    def moved(self, problem: Any, found: Any, x: Any, _: int) -> Any:
+        return SimpleNamespace(**{**vars(found), "x": x, "phases": problem.phases})
+
+    def finish(self, problem: Any, near: Any) -> Any:
+        self.fitted += 1
+        return self.moved(problem, near, near.x, 0)
+
+
+@pytest.mark.parametrize(("errors", "end", "fits"), [
+    ({(3.0,): 9.0, (2.0,): 4.0, (1.0,): 1.0}, 1.0, 1),
+    ({(3.0,): 9.0, (2.0,): 8.9}, 3.0, 0),
+])  # fmt: skip
+def test_phases_and_numbers_are_followed_and_fitted_once(
+    monkeypatch: pytest.MonkeyPatch, errors: dict[tuple[float, ...], float], end: float, fits: int
+) -> None:
+    """Each round is judged by what is simulated; what makes the error hardly smaller is left."""
+    turns = FollowedInTurns(errors)
+    for name in ("sharper_phases", "moved", "finish"):
+        monkeypatch.setattr(session_module, name, getattr(turns, name))
+    monkeypatch.setattr(session_module, "approach", lambda *_, **__: SimpleNamespace(**vars(found)))
+    monkeypatch.setattr(session_module, "deviance_per_dof", lambda problem, _: errors[problem.phases])
+    session = object.__new__(session_module.Session)
+    session.problem = Phases((3.0,), {LightFlicker.id: {"frequency_hz": 61.7}})  # type: ignore[assignment]
+    found: Any = SimpleNamespace(model=PIXEL + RIPPLE, slots=(), x=np.ones(1), start=np.ones(1))
+    fitted = session.in_phase(found, seed=1)
+    assert session.problem.phases == (end,)
+    assert turns.fitted == fits
+    assert (fitted is found) == (not fits)
+
+
+@dataclass(frozen=True)
+class Phases:
+    """What a session knows of a ripple."""
+
+    phases: tuple[float, ...]
+    given: dict[str, dict[str, float]]
