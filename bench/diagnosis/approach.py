@@ -92,7 +92,7 @@ class Approach:
 def approach(
     problem: Problem, model: PixelModel, slots: Sequence[Slot], x: Sequence[float], *, seed: int,
     iterations: int = _ITERATIONS, wrong: float = 0.0, prior: Floats | None = None, cloud: Cloud | None = None,
-    reach: float | None = None, beat: float = math.inf,
+    reach: float | None = None, beat: float = math.inf, leave: float = math.inf,
 ) -> Approach:  # fmt: skip
     """Go near the minimum with little effort.
 
@@ -114,12 +114,15 @@ def approach(
         Of the first step, beside the longest; None: far, if the start may be wrong.
     beat
         A loss to come close to: what is hopelessly far from it after some steps goes no further.
+    leave
+        The same of what has more than this share of the loss at the start left by then.
     """
     at = np.array(x, dtype=np.float64)
     way = _Way(problem, model, tuple(slots), at if prior is None else prior, seed, cloud or Cloud())
     way.set_out(at, reach or (_REACH if wrong else _NEARBY), wrong)
+    most = min(_HOPELESS * beat, leave * way.loss)
     for number in range(iterations):
-        if way.step() or (number >= _SOME and way.loss > _HOPELESS * beat):
+        if way.step() or (number >= _SOME and way.loss > most):
             break
     return way.end()
 

@@ -72,6 +72,8 @@ _PROMISING: Final = 0.05
 _WORTH: Final = 0.15
 #: Where something is left that nothing explains, only effects that take away so much of it are named.
 _SURE: Final = 0.75
+#: What promises nothing, and is asked all the same, is left soon unless the loss is down to this share of it by then.
+_LEFT_SOON: Final = 0.7
 #: Up to this deviance per degree of freedom not much is left.
 _NEARLY: Final = 1.5
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
@@ -372,7 +374,7 @@ class Diagnosis:
                 self._propose(state, self._with_twins(state, names[first : first + together]))
         if state.proposal is None and not self._asked_all:
             self._asked_all = True
-            self._propose(state, self._all_others(state), _SURE, _SHORTLIST)
+            self._propose(state, self._all_others(state), _SURE, _SHORTLIST, _LEFT_SOON)
 
     def _is_foreseen(self, state: _State) -> bool:
         """Return whether some effect promises a good part of what is missing: else their order says little."""
@@ -415,7 +417,8 @@ class Diagnosis:
         return [n for n in names if n not in RARE or not any(are_the_same(n, other, points) for other in names)]
 
     def _propose(
-        self, state: _State, shortlist: Sequence[str], worth: float = _WORTH, most: int | None = None
+        self, state: _State, shortlist: Sequence[str], worth: float = _WORTH, most: int | None = None,
+        leave: float = math.inf,
     ) -> None:  # fmt: skip
         """Propose the best of some effects once they are refitted, if it is worth adding.
 
@@ -425,9 +428,11 @@ class Diagnosis:
             Share that it must take away of what is too much in the deviance, where that is far off.
         most
             So many of them are fitted to the end.
+        leave
+            See :func:`~bench.diagnosis.race.race`.
         """
         far_off = self._far_off(state.fit)
-        refitted = self._refitted(state, self._without_the_same(shortlist), most)
+        refitted = self._refitted(state, self._without_the_same(shortlist), most, leave)
         found = sorted((f for f in refitted if self._may_be_added(f)), key=lambda f: f.deviance)
         if not far_off:  # what the screen promises of a small effect may be chance, in the changes it expects
             before = Found(state.added or "", state.fit, deviance(self.problem, state.fit))
@@ -458,7 +463,9 @@ class Diagnosis:
                 best = other if nearer(self.problem, best, other, self._seed + 57) > 0.0 else best
         return [best, *(one for one in found if one is not best)]
 
-    def _refitted(self, state: _State, effect_ids: Sequence[str], most: int | None = None) -> list[Found]:
+    def _refitted(
+        self, state: _State, effect_ids: Sequence[str], most: int | None = None, leave: float = math.inf
+    ) -> list[Found]:  # fmt: skip
         """Return the models with one of these effects more, the most promising of them fitted."""
         ids = [one.effect.id for one in state.scores.probes]
         for name in effect_ids:
@@ -472,7 +479,7 @@ class Diagnosis:
             far_off = self._far_off(state.fit)
             seed = self._seed + 100 * len(self._states) + 21
             numbers = [ids.index(name) for name in unknown]
-            made = refitted(self.problem, state.fit, state.scores, numbers, seed, far_off, most)
+            made = refitted(self.problem, state.fit, state.scores, numbers, seed, far_off, most, leave)
             state.refitted |= {found.effect: found for found in made.found}
             state.hopeless |= made.hopeless
         return [state.refitted[name] for name in effect_ids if name in state.refitted]

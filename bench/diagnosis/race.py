@@ -116,7 +116,9 @@ class Raced(NamedTuple):
     hopeless: bool  #: it was left so far behind that it cannot be what another one is
 
 
-def race(problem: Problem, entrants: Sequence[Approach], most: int | None = None) -> list[Raced]:
+def race(
+    problem: Problem, entrants: Sequence[Approach], most: int | None = None, leave: float = math.inf
+) -> list[Raced]:  # fmt: skip
     """Return the entrants near their minima, which may be anywhere, or left behind.
 
     Parameters
@@ -125,13 +127,16 @@ def race(problem: Problem, entrants: Sequence[Approach], most: int | None = None
         The most promising first.
     most
         So many go on once each has gone its first way.
+    leave
+        That way is given up early by those that have more than this share of the loss at its start left.
     """
     found: list[Approach] = []
     known: list[Approach | None] = []  # whose base numbers each was tried with
     for one in entrants:
         best = _best(found)
         if best is None or best.loss > _GOOD * len(problem.measured.value):
-            found.append(_along(problem, one, _FAR, _WRONG, beat=math.inf if best is None else best.loss))
+            beat = math.inf if best is None else best.loss
+            found.append(_along(problem, one, _FAR, _WRONG, beat=beat, leave=leave))
             known.append(None)
         else:
             found.append(_beside(problem, one, best))
@@ -170,11 +175,12 @@ def _rivals(ways: Sequence[Approach | None], most: tuple[float, float]) -> list[
 
 
 def _along(
-    problem: Problem, one: Approach, iterations: int, wrong: float, reach: float | None = None, beat: float = math.inf
+    problem: Problem, one: Approach, iterations: int, wrong: float, reach: float | None = None,
+    beat: float = math.inf, leave: float = math.inf,
 ) -> Approach:  # fmt: skip
     return approach(
         problem, one.model, one.slots, list(one.at), seed=one.seed, iterations=iterations, wrong=wrong,
-        prior=one.start, cloud=one.cloud, reach=reach, beat=beat,
+        prior=one.start, cloud=one.cloud, reach=reach, beat=beat, leave=leave,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -47,7 +48,7 @@ class Refitted:
 
 def refitted(
     problem: Problem, here: Fit, scores: Scores, candidates: Sequence[int], seed: int, far_off: bool,
-    most: int | None = None,
+    most: int | None = None, leave: float = math.inf,
 ) -> Refitted:  # fmt: skip
     """Return the models with one of these candidates more, fitted.
 
@@ -57,10 +58,12 @@ def refitted(
         The minima may be anywhere.
     most
         No more than so many go all the way there.
+    leave
+        See :func:`~bench.diagnosis.race.race`.
     """
     entrants = [entrant(problem, here, scores, i, seed, far_off) for i in candidates]
     if far_off:
-        raced = _raced(problem, entrants, most)
+        raced = _raced(problem, entrants, most, leave)
     else:
         raced = [Raced(near_by(problem, one), hopeless=False) for one in entrants]
     names = [scores.probes[i].effect.id for i in candidates]
@@ -72,13 +75,13 @@ def refitted(
     return Refitted(tuple(found), frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless))
 
 
-def _raced(problem: Problem, entrants: Sequence[Approach], most: int | None) -> list[Raced]:
+def _raced(problem: Problem, entrants: Sequence[Approach], most: int | None, leave: float) -> list[Raced]:
     """Return what a race leaves of them; those of which whole sensors are simulated go last.
 
     If another one explains the run, a few looks leave them behind, while their own way takes minutes.
     """
     order = sorted(range(len(entrants)), key=lambda k: least_share(entrants[k].model))
-    raced = dict(zip(order, race(problem, [entrants[k] for k in order], most), strict=True))
+    raced = dict(zip(order, race(problem, [entrants[k] for k in order], most, leave), strict=True))
     return [raced[k] for k in range(len(entrants))]
 
 

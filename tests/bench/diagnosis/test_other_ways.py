@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -149,7 +150,8 @@ class Promising(Diagnosis):
         return True
 
     def _propose(
-        self, state: Any, shortlist: Sequence[str], worth: float = 0.15, most: int | None = None
+        self, state: Any, shortlist: Sequence[str], worth: float = 0.15, most: int | None = None,
+        leave: float = math.inf,
     ) -> None:  # fmt: skip
         self.asked.append((list(shortlist), worth))
         self.fitted_to_the_end.append(most)
@@ -191,12 +193,12 @@ def test_effects_that_want_whole_sensors_are_raced_last(monkeypatch: pytest.Monk
     ]
     raced: list[Any] = []
 
-    def race(_: Any, those: Sequence[Any], __: int | None) -> list[Any]:
+    def race(_: Any, those: Sequence[Any], *__: Any) -> list[Any]:
         raced.extend(those)
         return list(those)
 
     monkeypatch.setattr(refit, "race", race)
-    assert refit._raced(None, entrants, None) == entrants  # type: ignore[arg-type]
+    assert refit._raced(None, entrants, None, 1.0) == entrants  # type: ignore[arg-type]
     assert raced == [entrants[k] for k in (1, 3, 2, 0)]
 
 
