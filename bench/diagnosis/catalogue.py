@@ -29,6 +29,7 @@ __all__ = [
     "cost_of",
     "details_of",
     "free_of",
+    "is_of_few",
     "least_share",
     "least_size",
     "numbers_of",
@@ -154,7 +155,7 @@ def least_share(model: PixelModel) -> float:
     """
     if any(_couples_pixels(e) for e in model.effects):
         return 1.0
-    return _MANY if any(e.id in _OF_FEW for e in model.effects) else 0.0
+    return _MANY if any(is_of_few(e.id) for e in model.effects) else 0.0
 
 
 def before_readout(model: PixelModel) -> PixelModel:
@@ -162,12 +163,17 @@ def before_readout(model: PixelModel) -> PixelModel:
     return replace(model, effects=tuple(e for e in model.effects if e.id not in _OF_READOUT))
 
 
+def is_of_few(effect_id: str) -> bool:
+    """Return whether only few pixels have an effect."""
+    return effect_id in _OF_FEW
+
+
 def least_size(effect: type[Effect], least: float) -> float:
     """Return the least size at which to look for an effect, beside that of the catalogue; of most it is `least`.
 
     How many pixels have it is a straight line: of a smaller share of them there may be none among those simulated.
     """
-    return 1.0 if effect.id in _OF_FEW else least
+    return 1.0 if is_of_few(effect.id) else least
 
 
 def _couples_pixels(effect: Effect) -> bool:

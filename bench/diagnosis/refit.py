@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import least_share, switches
+from bench.diagnosis.catalogue import is_of_few, least_share, switches
 from bench.diagnosis.fit import finish
 from bench.diagnosis.judging import deviance_beside
 from bench.diagnosis.race import Raced, entrant, near_by, race
@@ -94,8 +94,10 @@ def needless(problem: Problem, one: Fit, effect_id: str, *, before: bool = False
         It was added before others were.
     """
     least = _STILL_NEEDED if before else _NEEDED
-    sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
     effect = next(e for e in one.model.effects if e.id == effect_id)
+    # Which few pixels have it is the effect itself: where there is none, nothing of that is frozen in the pixels.
+    beside = replace(one, frozen=None) if is_of_few(effect_id) else one
+    sd = np.sqrt(np.diag(beside.covariance(problem.measured.points)))
     names = {f.name for f in switches(type(effect))}
     mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id and s.free.name in names]
     return all(abs(one.x[i]) < least * sd[i] for i in mine)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +14,7 @@ from bench.diagnosis.parameters import Free
 from bench.diagnosis.problem import Slot
 from bench.diagnosis.refit import needless
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import DarkCurrent
+from sim_backend.pixel.effects import DarkCurrent, HotPixels
 
 
 class Wavering(Diagnosis):
@@ -57,3 +58,28 @@ def test_what_others_made_insignificant_is_needless(sigmas: float, now: bool, be
     problem: Any = SimpleNamespace(measured=SimpleNamespace(points=()))
     assert needless(problem, fit, "dark_current") is now
     assert needless(problem, fit, "dark_current", before=True) is before
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """A fitted number that chance leaves to 1, and what is frozen in the pixels to `frozen` more."""
+
+    model: PixelModel
+    slots: tuple[Slot, ...]
+    x: np.ndarray[Any, Any]
+    frozen: np.ndarray[Any, Any] | None
+
+    def covariance(self, _: Any) -> Any:
+        return np.eye(1) + (0.0 if self.frozen is None else np.diag(self.frozen))
+
+
+@pytest.mark.parametrize(("effect", "field", "verdict"), [
+    (HotPixels(fraction=0.01, rate_hz=10.0), "fraction", False),
+    (DarkCurrent(1.0), "mean_fa", True),
+])  # fmt: skip
+def test_one_hot_pixel_is_seen_though_the_next_sensor_may_have_none(effect: Any, field: str, verdict: bool) -> None:
+    """How many there are is frozen in the sensor: that is no doubt about whether this one has any."""
+    slot = Slot(Free(effect.id, field, field, "1", "linear", 0.0, 1e3, 3.0))
+    fit: Any = Frozen(PixelModel() + effect, (slot,), np.array([10.0]), np.array([100.0]))
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=()))
+    assert needless(problem, fit, effect.id) is verdict
