@@ -83,7 +83,7 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "threshold_mismatch": (("sigma_on", "square", 0.025, 0.3), ("sigma_off", "square", 0.025, 0.3)),
     "comparator_delay": (("delay_s", "linear", 2e-4, 0.05),),
     "refractory_mismatch": (("spread", "square", 0.3, 2.0),),
-    "hot_pixels": (("fraction", "linear", 0.1, 0.5), ("rate_hz", "log", 10.0, 1e4)),
+    "hot_pixels": (("fraction", "linear", 0.06, 0.5), ("rate_hz", "log", 10.0, 1e4)),
     "crosstalk": (("probability", "linear", 0.02, 0.9),),
     "readout_saturation": (("max_rate_eps", "inverse", 1e5, math.inf),),
     "event_rate_limit": (("max_rate_eps", "inverse", 1e5, math.inf),),
