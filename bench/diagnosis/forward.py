@@ -242,7 +242,10 @@ class Forward:
         """
         shares = [share] * len(models) if isinstance(share, float) else list(share)
         found: dict[tuple[int, int], Sensor] = {}
-        pixels = [repr([before_readout(m) for m in dict.fromkeys(one)]) for one in models]
+        pixels = [
+            repr([before_readout(m) for m in dict.fromkeys(one)]) if part >= 1.0 else ""
+            for one, part in zip(models, shares, strict=True)
+        ]
         bundles = _bundles(shares, pixels, sensors)
         tasks = [self._task([models[i] for i, _ in some], [s for _, s in some], seed, part) for part, some in bundles]
         for number, taken in self._executor.map(sensors_of, tasks, name=_name):
