@@ -26,8 +26,9 @@ __all__ = ["command"]
 @results_option
 @json_option
 def command(
-    runs: tuple[Path, ...], model_file: str | None, seed: int, workers: int, out: Path | None, as_json: bool
-) -> None:
+    runs: tuple[Path, ...], model_file: str | None, seed: int, workers: int, whole: bool, out: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
     """Fit a pixel model to RUN, and show where measurement and model disagree.
 
     The free numbers of the model are fitted; stimulus, settings and sensor come from the run. Several runs of one
@@ -48,7 +49,7 @@ def command(
     opened = open_runs(runs)
     results = results_folder(runs[0], out)
     with log_into(results / LOG_FILE), Teller() as tell:
-        comparison = compare(opened, model, seed=seed, workforce=processes(workers), tell=tell)
+        comparison = compare(opened, model, seed=seed, workforce=processes(workers), tell=tell, whole=whole)
         tell("looking at the pixels' places")
         found = patterns(pixel_map([p for run in opened for p in run.points()]))
     places = worst_places(comparison.residuals, comparison.correlation)

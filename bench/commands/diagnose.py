@@ -46,6 +46,7 @@ def command(
     model_file: str | None,
     seed: int,
     workers: int,
+    whole: bool,
     max_effects: int,
     by_hand: bool,
     out: Path | None,
@@ -71,7 +72,9 @@ def command(
     show: Callable[[str], None] = say if as_json else _print
     folder = results / DIAGNOSIS
     with log_into(results / LOG_FILE), Teller() as tell:
-        with Diagnosis(opened, model, seed=seed, tell=tell, workforce=processes(workers)) as diagnosis:
+        with Diagnosis(
+            opened, model, seed=seed, tell=tell, workforce=processes(workers), whole=whole
+        ) as diagnosis:  # fmt: skip
             outcome = _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
             residuals = residuals_by_step(diagnosis.problem, diagnosis.fits) if outcome.steps else {}
         tell("drawing the figures")
@@ -104,6 +107,7 @@ def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None]) ->
     from bench.diagnosis.by_axis import first_places
     from bench.diagnosis.comparison import residuals_by_step
     from bench.diagnosis.interactive import watch
+    from bench.diagnosis.wording import shortened_lines
 
     def place(number: int) -> Place | None:
         return first_places(residuals_by_step(diagnosis.problem, diagnosis.fits)).get(number)
@@ -117,4 +121,6 @@ def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None]) ->
         tell.rest()
         show(line)
 
+    for line in shortened_lines(diagnosis.shortened):
+        show(line)
     return watch(diagnosis, ask, show_at_rest, place)

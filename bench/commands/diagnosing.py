@@ -32,6 +32,12 @@ _workers_option = click.option(
 )
 
 
+_whole_option = click.option(
+    "--whole", is_flag=True,
+    help="Look at all of long recordings, however long that takes; default is as much of each as says enough.",
+)  # fmt: skip
+
+
 def _load_views(ctx: click.Context, _param: click.Parameter, files: tuple[str, ...]) -> None:
     if files and not ctx.resilient_parsing:
         from bench.diagnosis.views.registry import load_view_files
@@ -46,8 +52,8 @@ _views_option = click.option(
 
 
 def fit_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command `--model`, `--seed`, `--workers` and `--views`."""
-    return _model_option(_seed_option(_workers_option(_views_option(command))))
+    """Give a command `--model`, `--seed`, `--workers`, `--whole` and `--views`."""
+    return _model_option(_seed_option(_workers_option(_whole_option(_views_option(command)))))
 
 
 def model_of(file: str | None) -> PixelModel | None:

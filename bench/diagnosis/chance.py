@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from bench.diagnosis.fitted import live, prior_precision, whiten
-from bench.diagnosis.looks import loss_of
 from bench.diagnosis.residuals import expectation, measured
 from bench.diagnosis.same_law import representatives
 from bench.diagnosis.summary import add
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.forward import Sensor
-    from bench.diagnosis.problem import Problem, Slot
+    from bench.diagnosis.problem import Problem
     from bench.diagnosis.residuals import Expectation
     from sim_backend.pixel.model import PixelModel
 
@@ -30,28 +30,35 @@ __all__ = ["frozen_of", "pooled", "scale_of"]
 
 #: The largest square of a residual that counts for how residuals scatter.
 _FAR_OUT: Final = 16.0
-#: What is at a loss so much larger than the least counts as close by.
+#: Places from which all statistics together are this many standard errors away count as close by.
 _CLOSE: Final = 20.0
 
 
-def scale_of(problem: Problem, sensors: Sequence[Sensor]) -> float:
+def scale_of(problem: Problem, here: Expectation, sensors: Sequence[Sensor]) -> float:
     """Return the mean square residual of a run of the model itself: each simulated sensor against the others.
 
     One number far out says nothing about the others: none counts for more than a square of 16.
+
+    Parameters
+    ----------
+    here
+        What is expected there: how residuals scatter.
+    sensors
+        All with as many pixels.
     """
     n, of = len(sensors), problem.measured
-    roots = problem.expect(sensors).roots
-    counts = np.concatenate([live(root) for root in roots])
+    counts = np.concatenate([live(root) for root in here.roots])
+    # A share or a count of fewer pixels was transformed to the same scatter; a mean of fewer scatters more.
+    fewer = np.where(of.kinds.share | of.kinds.count, 1.0, math.sqrt(sensors[0].share))
     squares = []
     for i, one in enumerate(sensors):
         others = [s.summaries for k, s in enumerate(sensors) if k != i]
         as_run = measured(one.summaries, of.labels)
         expected = expectation(as_run, [add(column) for column in zip(*others, strict=True)])
-        residual = whiten(roots, as_run.value - expected.value, of.points)[counts]
+        residual = whiten(here.roots, fewer * (as_run.value - expected.value), of.points)[counts]
         squares.append(np.minimum(residual**2, _FAR_OUT))
-    # The roots are those of a run less the mean of all sensors; here it is less the mean of one fewer.
-    more = (1.0 + 1.0 / n) / (1.0 + 1.0 / max(n - 1, 1))
-    return max(float(np.mean(squares)) * more, 1e-3)
+    # The roots are those of a run less what is expected; here it is less the mean of the other sensors.
+    return max(float(np.mean(squares)) * here.more / (1.0 + 1.0 / max(n - 1, 1)), 1e-3)
 
 
 def frozen_of(problem: Problem, found: Fit, models: Sequence[PixelModel], seen: Sequence[Sequence[Sensor]]) -> Floats:
@@ -82,14 +89,19 @@ def frozen_of(problem: Problem, found: Fit, models: Sequence[PixelModel], seen: 
 
 
 def pooled(
-    problem: Problem, visited: Sequence[tuple[Floats, Expectation]], jacobian: Floats, slots: Sequence[Slot],
-    at: Floats, start: Floats,
+    problem: Problem, visited: Sequence[tuple[Floats, Expectation]], jacobian: Floats, at: Floats
 ) -> Expectation:  # fmt: skip
-    """Return what is expected at a place, from the simulations there and at all places close by."""
-    losses = [loss_of(problem, e, slots, x, start) for x, e in visited]
-    close = [v for v, loss in zip(visited, losses, strict=True) if loss <= min(losses) + _CLOSE]
+    """Return what is expected at a place, from the simulations there and at all places close by.
+
+    How near they are tells how statistics change on the way, not how well they fit: the best ones would be those that
+    are by chance what was measured.
+    """
     here = next(e for x, e in visited if x is at)
     change = jacobian.mean(axis=0)
-    total = sum(e.recordings for _, e in close)
-    value = sum((e.recordings / total) * (e.value + change @ (at - x)) for x, e in close)
-    return replace(here, value=np.asarray(value), recordings=total)
+    moves = [change @ (at - x) for x, _ in visited]
+    far = [float(np.linalg.norm(whiten(here.roots, move, problem.measured.points))) for move in moves]
+    close = [(e, move) for (_, e), move, away in zip(visited, moves, far, strict=True) if away <= _CLOSE]
+    total = sum(e.recordings for e, _ in close)
+    value = sum((e.recordings / total) * (e.value + move) for e, move in close)
+    scatter = here.scatter.beside([e.scatter for e, _ in close])
+    return replace(here, value=np.asarray(value), recordings=total, scatter=scatter)

@@ -62,11 +62,12 @@ class Comparison:
     residuals: tuple[Residual, ...]
     correlation: Floats = field(repr=False, compare=False)  #: (n, n) of the residuals, as the model expects it
     model: PixelModel = field(compare=False)  #: fitted
+    shortened: str = ""  #: how much of the recordings was looked at, where it was not all
 
 
 def compare(
     runs: Sequence[Run], model: PixelModel | None = None, *, seed: int = 1, workforce: Workforce | None = None,
-    tell: Callable[[str], None] | None = None,
+    tell: Callable[[str], None] | None = None, whole: bool = False,
 ) -> Comparison:  # fmt: skip
     """Fit the free numbers of a model to runs of one sensor, and lay both side by side.
 
@@ -80,6 +81,8 @@ def compare(
         Who simulates; None for this process.
     tell
         Called with what is being done.
+    whole
+        Look at all of long recordings, and not at their beginnings.
 
     Raises
     ------
@@ -88,13 +91,15 @@ def compare(
     """
     say = tell or (lambda _: None)
     say("looking at the events")
-    with open_session(runs, model, workforce) as session:
+    with open_session(runs, model, workforce, whole=whole) as session:
         problem = session.problem
         say("fitting the model")
         found = session.fit(seed)
         shown = residuals_of(problem, found)
         mutual = correlation_of(problem, found)
-        return Comparison(session.ids, findings_of(problem), step_of(problem, found), shown, mutual, found.model)
+        return Comparison(
+            session.ids, findings_of(problem), step_of(problem, found), shown, mutual, found.model, session.shortened
+        )
 
 
 def residuals_of(problem: Problem, one: Fit) -> tuple[Residual, ...]:

@@ -130,6 +130,8 @@ class Diagnosis:
         Called with what is being done.
     workforce
         Who simulates, instead of `workers` processes.
+    whole
+        Look at all of long recordings, however long that takes; default is their beginnings.
 
     Raises
     ------
@@ -153,6 +155,7 @@ class Diagnosis:
         without: Collection[str] = (),
         tell: Callable[[str], None] | None = None,
         workforce: Workforce | None = None,
+        whole: bool = False,
     ) -> None:
         several = [runs] if isinstance(runs, Run | Path | str) else list(runs)
         opened = [r if isinstance(r, Run) else Run.open(Path(r)) for r in several]
@@ -161,7 +164,7 @@ class Diagnosis:
         self._without = frozenset(without)
         self._open = ExitStack()
         self._session: Session = self._open.enter_context(
-            open_session(opened, model, workforce or Workforce(workers))
+            open_session(opened, model, workforce or Workforce(workers), whole=whole)
         )
         self._states: list[_State] = []
         self._next: tuple[Fit, dict[str, Any] | None] | None = None
@@ -185,6 +188,11 @@ class Diagnosis:
     def problem(self) -> Problem:
         """The runs, as they are laid beside a model."""
         return self._session.problem
+
+    @property
+    def shortened(self) -> str:
+        """How much of the recordings is looked at; empty where it is all."""
+        return self._session.shortened
 
     @property
     def fits(self) -> tuple[Fit, ...]:
@@ -257,6 +265,7 @@ class Diagnosis:
             next_measurement=self._next_measurement(last, ties),
             remainder=remainder_of(self.problem, last) if last is not None and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
+            shortened=self.shortened,
         )
 
     def _next_measurement(self, last: Fit | None, ties: dict[str, tuple[str, ...]]) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ one sensor's changes with the other's have no chance in them: squares would coun
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -52,8 +53,10 @@ _SMALL: Final = 1.0
 #: the minimum were so much too short that most numbers ended outside their 90 % intervals.
 _SHARP: Final = 1.0
 _BLUNT: Final = 0.15
-#: The loss of one look is known to about this: where it is larger by more than the least, the fit stays where it was.
+#: The loss of one look is known to about this, and to so many times what the chance of a simulation makes of it:
+#: where it is larger by more than the least, the fit stays where it was.
 _DOUBTFUL: Final = 15.0
+_OF_CHANCE: Final = 1.5
 #: and the next step is shorter.
 _SHORTER: Final = 0.3
 #: The longest last step, beside the longest of all.
@@ -90,7 +93,7 @@ def finish(problem: Problem, near: Approach) -> Fit:
         roots=here.roots,
         deviation=here.deviation,
         jacobian=jacobian,
-        scale=float(np.mean([scale_of(problem, sensors) for sensors in there.seen])),
+        scale=float(np.mean([scale_of(problem, here, sensors) for sensors in there.seen])),
         residual=problem.measured.value - value,
         common=(1.0 + problem.alike(models) / here.recordings) / here.more,
     )
@@ -163,13 +166,22 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
         samples.append(sample_of(problem, to, sensors))
         visited.append((to, there))
         seen.append(sensors)
-        if after < least + _DOUBTFUL:
+        if after < least + _doubt(there):
             at, least = to, min(least, after)
         else:
             radius *= _SHORTER
         jacobian = slopes(problem, slots, at, next(e for x, e in visited if x is at), samples, ways)
-        here = pooled(problem, visited, jacobian, slots, at, start)
+        here = pooled(problem, visited, jacobian, at)
     return _Minimum(at, here, jacobian, tuple(seen), close and least < hopeless)
+
+
+def _doubt(there: Expectation) -> float:
+    """Return by how much the loss of a look may be larger than that of another one at the same place.
+
+    Of the variance of a residual a part is the simulation's; the sum of n squares varies by the root of 2 n.
+    """
+    part = 1.0 / (1.0 + there.recordings)
+    return max(_DOUBTFUL, _OF_CHANCE * part * math.sqrt(2.0 * len(there.value)))
 
 
 def _last_step(

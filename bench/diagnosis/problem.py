@@ -43,6 +43,10 @@ _SENSORS: Final = 2
 _LEAST: Final = 0.0625
 _MOST: Final = 24.0
 
+#: A run with more events than this takes no longer: so much less of it is simulated, and expected values are known
+#: as much less well.
+_USUAL_EVENTS: Final = 2_000_000
+
 #: Times are known no better than this beside the stimulus.
 _TIMING_S: Final = 1e-5
 
@@ -109,6 +113,7 @@ class Problem:
     timing_sd_s: float  #: how well the events' times are known beside those of the stimulus
     given: Mapping[str, Mapping[str, float]]  #: of effects: numbers that can be seen by eye
     phases: tuple[float | None, ...] = ()  #: of a ripple in each recording, as far as they are known
+    thrift: float = 1.0  #: of all efforts: a run of very many events is simulated in part
 
     @classmethod
     def of(cls, points: Sequence[PointData], forward: Forward, blur_s: float = 0.0) -> Problem:
@@ -121,12 +126,16 @@ class Problem:
         blur_s
             How differently the sensor and the simulation may cut time, s: latencies are compared no finer.
         """
-        seen = [summarise(Recording(Frame(p), p.events()), views()) for p in points]
+        recordings = (Recording(Frame(p), p.events()) for p in points)
+        seen, events = zip(*((summarise(r, views()), r.t_us.size) for r in recordings), strict=True)
         found = measured(seen)
         if blur_s > 0.0:
             found = replace(found, labels=_blurred(found.labels, found.ratio, blur_s))
         timing_s = max(forward.dt_s, _TIMING_S)
-        return cls(tuple(points), forward, found, tuple(settings_of(points)), timing_s, _by_eye(points))
+        return cls(
+            tuple(points), forward, found, tuple(settings_of(points)), timing_s, _by_eye(points),
+            thrift=min(1.0, _USUAL_EVENTS / max(sum(events), 1)),
+        )  # fmt: skip
 
     @property
     def settings(self) -> int:
@@ -183,7 +192,7 @@ class Problem:
 
     def _wanted(self, models: Sequence[Sequence[PixelModel]], effort: float) -> list[tuple[int, float]]:
         """Return how many sensors of each model to simulate, and the share of the pixels that they have."""
-        amounts = [min(max(effort / self.cost(m), _LEAST), _MOST) for m in models]
+        amounts = [self.thrift * min(max(effort / self.cost(m), _LEAST), _MOST) for m in models]
         sensors = [max(int(a), _SENSORS) for a in amounts]
         shares = [max(a / n, least_share(m[0])) for a, n, m in zip(amounts, sensors, models, strict=True)]
         return [(number, min(share, 1.0)) for number, share in zip(sensors, shares, strict=True)]
@@ -201,7 +210,7 @@ class Problem:
 
     def glance(self, models: Sequence[Sequence[PixelModel]], seed: int, effort: float) -> list[list[Sensor]]:
         """Return what one simulated sensor of each model shows, of as many pixels as the effort allows."""
-        amounts = [min(max(effort / self.cost(m), _LEAST), 1.0) for m in models]
+        amounts = [self.thrift * min(max(effort / self.cost(m), _LEAST), 1.0) for m in models]
         shares = [max(a, least_share(m[0])) for m, a in zip(models, amounts, strict=True)]
         return self.forward.run(models, seed, 1, shares)
 

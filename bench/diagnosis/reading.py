@@ -52,6 +52,7 @@ def _outcome(content: Mapping[str, Any]) -> Outcome:
         ties={key: tuple(names) for key, names in content["ties"].items()},
         remainder=tuple(Remainder(**_numbers(r, "size", "z")) for r in content["remainder"]),
         next_measurement=content["next_measurement"],
+        shortened=content["data_quality"].get("looked_at", ""),
     )
 
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.summary import add
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -202,28 +204,40 @@ class Scatter:
     """
 
     def __init__(self, of: Measured, summaries: Sequence[Summary], ratio: Floats, share: float) -> None:
-        self._of, self._summaries, self._ratio, self._share = of, summaries, ratio, share
+        self.summaries = tuple(summaries)
+        self._of, self._ratio, self._share = of, ratio, share
+
+    def beside(self, others: Sequence[Scatter]) -> Scatter:
+        """Return the scatter of recordings that differ little, taken together: rare events are better known.
+
+        Parameters
+        ----------
+        others
+            Of the same run and with as many pixels, this one among them.
+        """
+        together = tuple(add(column) for column in zip(*(s.summaries for s in others), strict=True))
+        return Scatter(self._of, together, np.concatenate([s.ratio for s in together]), self._share)
 
     @cached_property
     def few(self) -> Flags:
         """(n,) means over too few simulated events to say anything, not even how much they scatter."""
-        events = np.concatenate([s.bottom for s in self._summaries])
+        events = np.concatenate([s.bottom for s in self.summaries])
         return np.asarray(self._of.kinds.mean & (events < _FEWEST_EVENTS))
 
     @cached_property
     def covariance(self) -> tuple[Floats, ...]:
         """(k, k) of each point, transformed."""
         of, kinds = self._of, self._of.kinds
-        top, simulated = (np.concatenate([getattr(s, end) for s in self._summaries]) for end in ("top", "bottom"))
-        each = simulated / np.repeat([s.recordings for s in self._summaries], [len(s.top) for s in self._summaries])
+        top, simulated = (np.concatenate([getattr(s, end) for s in self.summaries]) for end in ("top", "bottom"))
+        each = simulated / np.repeat([s.recordings for s in self.summaries], [len(s.top) for s in self.summaries])
         known = of.bottom > 0.0
         # The scatter is that of as many trials as were measured, not of as many as were simulated.
         turn = slope_of(kinds, self._ratio, of.bottom) * np.sqrt(
             np.where(known, each / np.where(known, of.bottom, 1.0), 1.0)
         )
-        own = [s.covariance() for s in self._summaries]
+        own = [s.covariance() for s in self.summaries]
         found = np.concatenate([np.diag(c) for c in own]) * turn**2
-        clusters = np.concatenate([s.clusters for s in self._summaries])
+        clusters = np.concatenate([s.clusters for s in self.summaries])
         variance = _variance(of, found, simulated, clusters, self._ratio)
         kept = np.sqrt(_SHRINK * _trust(kinds, top, simulated))
         with np.errstate(invalid="ignore", divide="ignore"):

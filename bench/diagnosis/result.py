@@ -144,13 +144,18 @@ class Outcome:
     remainder: tuple[Remainder, ...] = ()
     next_measurement: dict[str, Any] | None = None
     model: PixelModel | None = field(default=None, compare=False)  #: with all that was added
+    shortened: str = ""  #: how much of the recordings was looked at, where it was not all
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and texts, as they stand in the JSON."""
         return {
             "format": "evs-bench-diagnosis/1",
             "runs": list(self.runs),
-            "data_quality": {"ok": not self.findings, "findings": list(self.findings)},
+            "data_quality": {
+                "ok": not self.findings,
+                "findings": list(self.findings),
+                **({"looked_at": self.shortened} if self.shortened else {}),
+            },
             "noise_floor": 1.0,
             "steps": [s.to_dict() for s in self.steps],
             "verdict": self.verdict,

@@ -63,7 +63,11 @@ def comparison_dict(comparison: Comparison, patterns: Sequence[Pattern]) -> dict
     return {
         "format": COMPARISON_FORMAT,
         "runs": list(comparison.runs),
-        "data_quality": {"ok": not comparison.findings, "findings": list(comparison.findings)},
+        "data_quality": {
+            "ok": not comparison.findings,
+            "findings": list(comparison.findings),
+            **({"looked_at": comparison.shortened} if comparison.shortened else {}),
+        },
         "noise_floor": 1.0,
         "effects": step["effects"],
         "error": step["error"],

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
+from bench.diagnosis.excerpt import beginnings, shortened_text
 from bench.diagnosis.fit import finish, fit, moved
 from bench.diagnosis.forward import Forward
 from bench.diagnosis.judging import deviance_per_dof
@@ -60,13 +61,18 @@ class Session:
         To start from, on that sensor.
     by_eye
         Its base numbers are nobody's: those that the curves show by eye are a better start.
+    shortened
+        How much of the recordings is looked at, where it is not all.
     """
 
-    def __init__(self, runs: Sequence[Run], problem: Problem, model: PixelModel, by_eye: bool) -> None:
+    def __init__(
+        self, runs: Sequence[Run], problem: Problem, model: PixelModel, by_eye: bool, shortened: str = ""
+    ) -> None:  # fmt: skip
         self.ids = tuple(run.header.id for run in runs)
         self.problem = problem
         self.model = model
         self.by_eye = by_eye
+        self.shortened = shortened
 
     def fit(self, seed: int) -> Fit:
         """Return the model with its free numbers fitted; from then on a ripple has the phase of each recording."""
@@ -132,6 +138,8 @@ def open_session(
     model: PixelModel | None = None,
     workforce: Workforce | None = None,
     done: Callable[[], None] | None = None,
+    *,
+    whole: bool = False,
 ) -> Iterator[Session]:
     """Look at the events of all points, and have the workers ready.
 
@@ -141,21 +149,26 @@ def open_session(
         To start from; None for the base pixel alone.
     done
         Called after each simulated sensor.
+    whole
+        Look at all of long recordings, and not at their beginnings.
 
     Raises
     ------
     InputError
         There are no points, the runs are of different sensors, or a window has too many pixels.
     """
-    points = with_ripple(_points(runs))
+    taken = _points(runs)
+    looked_at = taken if whole else beginnings(taken)
+    points = with_ripple(looked_at)
     with (workforce or Workforce()).open() as executor:
         grid_us = time_grid_us(points)
         forward = Forward(points, executor, (grid_us or _USUAL_GRID_US) * 1e-6, done)
         blur_s = 0.0 if grid_us else _BLUR * _USUAL_GRID_US * 1e-6
         sensor = runs[0].header.sensor
         yield Session(
-            runs, Problem.of(points, forward, blur_s), on_sensor(model or PixelModel(), sensor), model is None
-        )
+            runs, Problem.of(points, forward, blur_s), on_sensor(model or PixelModel(), sensor), model is None,
+            shortened_text(taken, looked_at),
+        )  # fmt: skip
 
 
 def _points(runs: Sequence[Run]) -> list[PointData]:

@@ -46,6 +46,9 @@ _OTHER_SEED: Final = 101
 def directions(slots: Sequence[Slot], at: Floats, information: Floats) -> Floats:
     """Return (k, m) directions in the columns, as long as statistics are to move along them.
 
+    What a time offset takes up of a move does not count: it is known to the letter what an offset does, and a valley
+    between it and other numbers is as well seen as they are only where one has gone along it far enough.
+
     Parameters
     ----------
     at
@@ -56,11 +59,18 @@ def directions(slots: Sequence[Slot], at: Floats, information: Floats) -> Floats
     simulated = np.array([slot.free.owner != ALIGNMENT for slot in slots])
     scale = longest_of(slots, at)[simulated]
     known = information + np.diag(prior_precision(slots))
-    values, vectors = np.linalg.eigh(known[np.ix_(simulated, simulated)] * np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(_without_others(known, simulated) * np.outer(scale, scale))
     far = np.minimum(_MOVED / np.sqrt(np.maximum(values, _MOVED**2 * 1e-6)), _FARTHEST)
     found = np.zeros((len(slots), len(scale)))
     found[simulated] = scale[:, None] * vectors * far
     return found
+
+
+def _without_others(information: Floats, mine: npt.NDArray[np.bool_]) -> Floats:
+    """Return the information about some coordinates once the others have followed (Schur complement)."""
+    mixed = information[np.ix_(mine, ~mine)]
+    others = np.linalg.pinv(information[np.ix_(~mine, ~mine)], hermitian=True)
+    return np.asarray(information[np.ix_(mine, mine)] - mixed @ others @ mixed.T)
 
 
 def well_seen(

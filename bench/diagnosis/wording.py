@@ -29,6 +29,7 @@ __all__ = [
     "p_text",
     "place_text",
     "remainder_text",
+    "shortened_lines",
     "significant",
     "smallest",
     "smallest_lines",
@@ -58,6 +59,12 @@ def head_line(runs: Sequence[str], points: int, pixels: int, findings: Sequence[
     return f"{name}   {_count(points, 'point')}, {_count(pixels, 'pixel')}, {fit}"
 
 
+def shortened_lines(text: str) -> Iterator[str]:
+    """Yield how much of the recordings was looked at, where it was not all."""
+    if text:
+        yield f"looked at {text}; more takes longer and sharpens little (--whole looks at all)"
+
+
 def lines_of(outcome: Outcome, places: Mapping[int, Place] | None = None) -> Iterator[str]:
     """Yield the lines of a whole diagnosis.
 
@@ -66,6 +73,7 @@ def lines_of(outcome: Outcome, places: Mapping[int, Place] | None = None) -> Ite
     places
         By the number of the step: where its model fails most, and how that changes.
     """
+    yield from shortened_lines(outcome.shortened)
     for step in outcome.steps:
         yield from step_lines(step, (places or {}).get(step.number), gain_of(outcome))
     yield from end_lines(outcome)
@@ -316,6 +324,7 @@ def smallest_lines(outcome: Outcome) -> Iterator[str]:
 def comparison_lines(comparison: Comparison, places: Sequence[Place], found: Sequence[Pattern]) -> Iterator[str]:
     """Yield the lines of a comparison: the numbers of the model, its error, and where it fails."""
     step = comparison.step
+    yield from shortened_lines(comparison.shortened)
     yield from (f"not fit to judge: {finding}" for finding in comparison.findings)
     yield f"{_what(step, None)}   {error_text(step.error)}"
     yield from number_lines(step)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -73,6 +74,7 @@ class PointData:
     bias: dict[str, float]  #: settings as read back; empty if not recorded
     quality: dict[str, Any]
     attributes: dict[str, Any]  #: all root attributes of the file, unknown ones too
+    until_s: float = field(default=math.inf, kw_only=True)  #: later events are left on disk
 
     @property
     def tells_latency(self) -> bool:
@@ -80,10 +82,10 @@ class PointData:
         return bool(self.attributes.get("time_axis") != FROM_EVENTS)
 
     def events(self, chunk: int = 1_000_000) -> Iterator[npt.NDArray[np.void]]:
-        """Yield the events in order, at most `chunk` at a time, as arrays of `EVENT_DTYPE`.
+        """Yield the events in order up to `until_s`, at most `chunk` at a time, as arrays of `EVENT_DTYPE`.
 
         A file that turns out to be damaged raises :class:`bench.store.errors.RunError`.
         """
         from bench.store.reader import read_events
 
-        return read_events(self.path, chunk, self.roi)
+        return read_events(self.path, chunk, self.roi, self.until_s)

@@ -111,6 +111,7 @@ class _Reader:
             bias=self.numbers_of("bias"),
             quality=self.attributes_of("quality"),
             attributes=self.attributes,
+            until_s=math.inf,
             **pulses,
         )
 
@@ -287,7 +288,9 @@ def _plain(value: Any) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def read_events(path: Path, chunk: int = 1_000_000, roi: Roi | None = None) -> Iterator[npt.NDArray[np.void]]:
+def read_events(
+    path: Path, chunk: int = 1_000_000, roi: Roi | None = None, until_s: float = math.inf
+) -> Iterator[npt.NDArray[np.void]]:  # fmt: skip
     """Yield the events of the point file `path` in order, at most `chunk` at a time.
 
     Parameters
@@ -298,6 +301,8 @@ def read_events(path: Path, chunk: int = 1_000_000, roi: Roi | None = None) -> I
         Largest number of events in one array.
     roi
         The window in which all events must lie; None for no such check.
+    until_s
+        Later events are neither read nor checked.
 
     Yields
     ------
@@ -321,7 +326,13 @@ def read_events(path: Path, chunk: int = 1_000_000, roi: Roi | None = None) -> I
         _check_events(path, events, done, last_t, roi)
         last_t = int(events["t"][-1])
         done += len(events)
-        yield events
+        if last_t <= until_s * 1e6:
+            yield events
+            continue
+        wanted = events[events["t"] <= until_s * 1e6]
+        if len(wanted):
+            yield wanted
+        return
 
 
 def _slice(columns: dict[str, Any], start: int, stop: int) -> npt.NDArray[np.void]:
