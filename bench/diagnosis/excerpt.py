@@ -113,12 +113,11 @@ def _ended(point: PointData, wanted_s: float) -> PointData:
 
 
 def _end_of_pulse(point: PointData, wanted_s: float) -> float:
-    """Return the end of the first pulse of the rarest kind that ends later, with enough of each before it."""
+    """Return the end of the first pulse that ends then or later, with enough of each kind before it."""
     stops = _stops(point)
     least = max((mine[min(_LEAST_PULSES, mine.size) - 1] for mine in stops), default=point.duration_s)
-    rarest = min(stops, key=lambda mine: mine.size, default=np.zeros(0))
-    later = rarest[rarest >= max(wanted_s, least)]
-    return float(later[0]) if later.size else point.duration_s
+    later = [float(stop) for mine in stops for stop in mine if stop >= max(wanted_s, least)]
+    return min(later, default=point.duration_s)
 
 
 def _stops(point: PointData) -> list[npt.NDArray[np.float64]]:

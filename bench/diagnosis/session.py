@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
-from bench.diagnosis.excerpt import beginnings, shortened_text
+from bench.diagnosis.excerpt import ENOUGH_EVENTS, beginnings, shortened_text
 from bench.diagnosis.fit import finish, fit, moved
 from bench.diagnosis.forward import Forward
 from bench.diagnosis.judging import deviance_per_dof
@@ -158,7 +158,7 @@ def open_session(
         There are no points, the runs are of different sensors, or a window has too many pixels.
     """
     taken = _points(runs)
-    looked_at = taken if whole else beginnings(taken)
+    looked_at = taken if whole else beginnings(taken, ENOUGH_EVENTS)
     points = with_ripple(looked_at)
     with (workforce or Workforce()).open() as executor:
         grid_us = time_grid_us(points)

@@ -49,3 +49,17 @@ def test_statistics_move_as_far_as_wanted_whatever_was_thought(
         assert far > 0.5 * 60.0 or length > 0.9 * longest
     unit = _SLOPE @ found / moved
     assert np.linalg.svd(unit, compute_uv=False).min() > 0.5
+
+
+def test_a_valley_between_an_offset_and_other_numbers_is_gone_along(monkeypatch: pytest.MonkeyPatch) -> None:
+    # An offset is known to the letter, and does nearly what the first number does.
+    offset = Slot(Free("alignment", "time_offset_s", "time_offset_s", "s", "linear", -9.0, 9.0, 1.0, 9.0, effect=False))
+    away = _RNG.normal(size=N)
+    columns = np.column_stack([_SLOPE[:, 0], _SLOPE[:, 0] + 40.0 * away / np.linalg.norm(away)])
+    found = ways.directions((_SLOTS[0], offset), np.zeros(2), columns.T @ columns)
+    assert found.shape == (2, 1)
+    moved = columns[:, 0] * found[0, 0]
+    left = moved - columns[:, 1] * (columns[:, 1] @ moved) / (columns[:, 1] @ columns[:, 1])
+    longest = 0.3 * longest_of(_SLOTS, _AT)[0]
+    assert np.linalg.norm(left) == pytest.approx(60.0, rel=0.1) or found[0, 0] == pytest.approx(longest)
+    assert np.linalg.norm(moved) > 120.0  # by the number alone it looks well seen on a much shorter way

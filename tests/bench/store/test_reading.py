@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,17 @@ def test_events_come_in_chunks_of_the_size_asked_for(practice: Path) -> None:
     chunks = list(point.events(chunk=700))
     assert [len(c) for c in chunks[:-1]] == [700] * (len(chunks) - 1)
     np.testing.assert_array_equal(np.concatenate(chunks), np.concatenate(list(point.events())))
+
+
+@pytest.mark.parametrize("chunk", [7, 1000, 1_000_000])
+def test_later_events_are_left_on_disk(practice: Path, chunk: int) -> None:
+    point = next(p for p in Run.open(practice).points() if p.index == 3)
+    every = np.concatenate(list(point.events()))
+    until_s = float(every["t"][len(every) // 3]) * 1e-6  # an event at the very end counts
+    cut = list(replace(point, until_s=until_s).events(chunk))
+    np.testing.assert_array_equal(np.concatenate(cut), every[every["t"] <= round(until_s * 1e6)])
+    assert all(len(part) for part in cut)
+    assert list(replace(point, until_s=-1.0).events(chunk)) == []
 
 
 def test_types_of_other_tools_are_understood(point_file: Path) -> None:

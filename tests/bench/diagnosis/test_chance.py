@@ -1,0 +1,55 @@
+"""How residuals of a true model scatter: the same, of however many pixels a simulated sensor has."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.chance import pooled, scale_of
+from bench.diagnosis.session import open_session
+from protocols.points import Roi
+from sim_backend.pixel import PixelModel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from bench.diagnosis.problem import Problem
+
+PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
+
+
+@pytest.fixture
+def problem(point: Callable[..., Any], run_of: Callable[..., Any]) -> Iterator[Problem]:
+    window = {"roi": Roi(40, 30, 16, 16), "periods": 20}
+    points = [point(i, c, **window) for i, c in enumerate((0.22, 0.3, 0.35, 0.45, 0.6, 0.8, 1.0, 1.2))]
+    points.append(point(len(points), 0.0, **window))
+    with open_session([run_of(points, PIXEL, 3)]) as session:
+        yield session.problem
+
+
+@pytest.mark.slow
+def test_a_run_of_the_model_scatters_as_much_from_part_of_the_pixels(problem: Problem) -> None:
+    models = [PIXEL] * len(problem.points)
+    whole, part = (problem.forward.run([models], seed=5, sensors=12, share=share)[0] for share in (1.0, 0.25))
+    assert part[0].share == 0.25
+    here = problem.expect(whole)
+    found = [scale_of(problem, here, sensors) for sensors in (whole, part)]
+    # Means over events are a third of the statistics: they would scatter four times as much, and all twice.
+    assert found[1] == pytest.approx(found[0], rel=0.2)
+
+
+@pytest.mark.slow
+def test_what_is_expected_is_the_mean_of_all_looks_close_by_and_not_of_the_best(problem: Problem) -> None:
+    slots = problem.base_slots()
+    at = np.array(problem.starts(PIXEL, by_eye=False)[0])
+    elsewhere = at.copy()
+    elsewhere[0] += 1.0
+    models = [PIXEL] * len(problem.points)
+    looks = [problem.expect(problem.simulate([models], seed, 2.0)[0]) for seed in (1, 2, 3)]
+    visited = list(zip((at, at.copy(), elsewhere), looks, strict=True))
+    jacobian = np.full((2, len(looks[0].value), len(slots)), 10.0)
+    found = pooled(problem, visited, jacobian, at)
+    np.testing.assert_allclose(found.value, 0.5 * (looks[0].value + looks[1].value))
+    assert found.recordings == looks[0].recordings + looks[1].recordings
