@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DELAYS",
     "NEEDS_KNOWN_THRESHOLDS",
+    "OF_ALL_PIXELS",
     "RARE",
     "TWINS",
     "are_the_same",
@@ -196,6 +197,8 @@ def _takes_hours(ids: Collection[str]) -> bool:
 
 #: Effects that couple pixels.
 _OF_ARRAY: Final = frozenset({"crosstalk", "readout_saturation", "event_rate_limit"})
+#: Effects of all pixels together: a part of them does not show them.
+OF_ALL_PIXELS: Final = frozenset({"readout_saturation", "event_rate_limit"})
 #: Effects that leave the comparators' events as they are, and change what becomes of them.
 _OF_READOUT: Final = _OF_ARRAY | {"hot_pixels", "timestamp_jitter", "trail_filter"}
 #: Few pixels have it: among less than a quarter of them there may be none, even of a share that is well seen.
@@ -283,13 +286,14 @@ def candidates(
 ) -> list[type[Effect]]:
     """Return the effects that the model lacks and that may show in these points; those in `without` are left out."""
     filtered = any(p.nd_od > 0.0 for p in points)
+    in_part = any(p.stored_roi is not None for p in points)
     found = []
     for effect_id, effect in effects().items():
         if model.effect(effect_id) is not None or not free_of(effect) or effect_id in without:
             continue
         if effect_id in NEEDS_KNOWN_THRESHOLDS and not thresholds_known:
             continue
-        if effect_id == "nd_error" and not filtered:
+        if (effect_id == "nd_error" and not filtered) or (effect_id in OF_ALL_PIXELS and in_part):
             continue
         if _takes_hours([effect_id, *(e.id for e in model.effects)]):
             continue

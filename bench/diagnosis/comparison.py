@@ -87,7 +87,8 @@ def compare(
     Raises
     ------
     InputError
-        There are no points, the runs are of different sensors, or a window has too many pixels.
+        There are no points, the runs are of different sensors, or the model limits the readout of windows of which a
+        part is looked at.
     """
     say = tell or (lambda _: None)
     say("looking at the events")

@@ -1,9 +1,12 @@
-"""The beginnings of long recordings: as much of each as says enough.
+"""The beginnings of long recordings, and the middle of large windows: as much of each as says enough.
 
 A night on many pixels leaves more events than a diagnosis can simulate over and over. What pixels have of their own
 is soon known: after some pulses each further one tells hardly anything. So recordings are looked at up to a time that
 leaves all of them together with about so many events, dim ones as a whole. A recording that ends sooner is a
 recording: what a model lets expect of it holds to the letter, whatever the effect.
+
+The middle of a window is as good for all that pixels do by themselves, or to their neighbours. Limits of a readout,
+which all pixels share, do not show in a part of them, and are not looked for there.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.analysis.windows import kept_pulses
+from protocols.points import Roi
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
@@ -23,13 +27,16 @@ if TYPE_CHECKING:
 
     from bench.store.data import PointData
 
-__all__ = ["ENOUGH_EVENTS", "beginnings", "shortened_text"]
+__all__ = ["ENOUGH_EVENTS", "beginnings", "middles", "shortened_text"]
 
 #: Events of all points that are enough.
 ENOUGH_EVENTS: Final = 2_000_000
 #: No recording has fewer pulses of a kind and contrast left, or is shorter than this, s.
 _LEAST_PULSES: Final = 8
 _LEAST_S: Final = 2.0
+#: Of a window no more than so many pixels on a side are looked at: more sharpen nothing that the pulses do not.
+_MOST_SIDE: Final = 64
+_MOST_PIXELS: Final = _MOST_SIDE**2
 #: A recording of which more than this share is wanted stays whole.
 _NEARLY_ALL: Final = 0.9
 
@@ -47,8 +54,46 @@ def beginnings(points: Sequence[PointData], enough: int = ENOUGH_EVENTS) -> list
     return [_ended(p, p.duration_s * most / n) if n > most else p for p, n in zip(points, usual, strict=True)]
 
 
+def middles(points: Sequence[PointData]) -> list[PointData]:
+    """Return the points; those with large windows with the middle of them."""
+    return [_middle(p) if p.roi.pixels > _MOST_PIXELS else p for p in points]
+
+
+def _middle(point: PointData) -> PointData:
+    """Return a point with as many pixels from the middle of its window as are enough."""
+    roi = point.roi
+    width = min(roi.width, max(_MOST_SIDE, _MOST_PIXELS // roi.height))
+    height = min(roi.height, _MOST_PIXELS // width)
+    x, y = roi.x + (roi.width - width) // 2, roi.y + (roi.height - height) // 2
+    mx, my = point.masked[:, 0], point.masked[:, 1]
+    masked = point.masked[(mx >= x) & (mx < x + width) & (my >= y) & (my < y + height)]
+    return replace(
+        point,
+        roi=Roi(x, y, width, height),
+        stored_roi=roi,
+        masked=masked,
+        n_events=round(point.n_events * width * height / roi.pixels),  # about
+    )
+
+
 def shortened_text(whole: Sequence[PointData], looked_at: Sequence[PointData]) -> str:
     """Return how much of the recordings is looked at; nothing where it is all."""
+    found = [_window_text(whole, looked_at), _duration_text(whole, looked_at)]
+    return "; ".join(text for text in found if text)
+
+
+def _window_text(whole: Sequence[PointData], looked_at: Sequence[PointData]) -> str:
+    part = [(a.roi, b.roi) for a, b in zip(whole, looked_at, strict=True) if a.roi != b.roi]
+    if not part:
+        return ""
+    of, middle = part[0]
+    return (
+        f"{middle.width} x {middle.height} of {of.width} x {of.height} pixels, in the middle, where limits of the "
+        "whole readout do not show"
+    )
+
+
+def _duration_text(whole: Sequence[PointData], looked_at: Sequence[PointData]) -> str:
     cut = sum(b.duration_s < a.duration_s for a, b in zip(whole, looked_at, strict=True))
     if not cut:
         return ""

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
-from bench.diagnosis.excerpt import ENOUGH_EVENTS, beginnings, shortened_text
+from bench.diagnosis.catalogue import OF_ALL_PIXELS
+from bench.diagnosis.excerpt import ENOUGH_EVENTS, beginnings, middles, shortened_text
 from bench.diagnosis.fit import finish, fit, moved
 from bench.diagnosis.forward import Forward
 from bench.diagnosis.judging import deviance_per_dof
@@ -36,8 +37,6 @@ __all__ = ["Session", "open_session"]
 _USUAL_GRID_US: Final = 10
 #: Then a latency is compared no finer than this share of it.
 _BLUR: Final = 0.5
-#: Pixels that are looked at, at the most: more sharpen nothing that the pulses do not.
-_MOST_PIXELS: Final = 4096
 #: Frequencies of a ripple are the same when they agree to this.
 _SAME_HZ: Final = 1e-3
 #: Phases and numbers follow each other so often at the most, while the error falls by this share.
@@ -155,10 +154,13 @@ def open_session(
     Raises
     ------
     InputError
-        There are no points, the runs are of different sensors, or a window has too many pixels.
+        There are no points, the runs are of different sensors, or the model limits the readout of windows of which a
+        part is looked at.
     """
     taken = _points(runs)
-    looked_at = taken if whole else beginnings(taken, ENOUGH_EVENTS)
+    looked_at = taken if whole else beginnings(middles(taken), ENOUGH_EVENTS)
+    if model is not None:
+        _check_readout(model, looked_at)
     points = with_ripple(looked_at)
     with (workforce or Workforce()).open() as executor:
         grid_us = time_grid_us(points)
@@ -181,9 +183,14 @@ def _points(runs: Sequence[Run]) -> list[PointData]:
         points += [replace(p, index=first + p.index) for p in run.points()]
     if not points:
         raise InputError(f"{runs[0].header.id}: has no points; expected some that were taken")
-    for point in points:
-        if point.roi.pixels > _MOST_PIXELS:
-            raise InputError(
-                f"{point.path}: a window of {point.roi.pixels} pixels; expected {_MOST_PIXELS} or fewer (64 x 64)"
-            )
     return points
+
+
+def _check_readout(model: PixelModel, points: Sequence[PointData]) -> None:
+    limits = [effect.id for effect in model.effects if effect.id in OF_ALL_PIXELS]
+    for point in points:
+        if limits and point.stored_roi is not None:
+            raise InputError(
+                f"{point.path}: a window of {point.stored_roi.pixels} pixels, of which a part is looked at, and a "
+                f"model with {limits[0]}, which shows in all of them; expected --whole, or a model without it"
+            )

@@ -75,6 +75,7 @@ class PointData:
     quality: dict[str, Any]
     attributes: dict[str, Any]  #: all root attributes of the file, unknown ones too
     until_s: float = field(default=math.inf, kw_only=True)  #: later events are left on disk
+    stored_roi: Roi | None = field(default=None, kw_only=True)  #: window on disk, where `roi` is a part of it
 
     @property
     def tells_latency(self) -> bool:
@@ -82,10 +83,18 @@ class PointData:
         return bool(self.attributes.get("time_axis") != FROM_EVENTS)
 
     def events(self, chunk: int = 1_000_000) -> Iterator[npt.NDArray[np.void]]:
-        """Yield the events in order up to `until_s`, at most `chunk` at a time, as arrays of `EVENT_DTYPE`.
+        """Yield the events of the window in order up to `until_s`, at most `chunk` at a time, of `EVENT_DTYPE`.
 
         A file that turns out to be damaged raises :class:`bench.store.errors.RunError`.
         """
         from bench.store.reader import read_events
 
-        return read_events(self.path, chunk, self.roi, self.until_s)
+        if self.stored_roi is None:
+            return read_events(self.path, chunk, self.roi, self.until_s)
+        every = read_events(self.path, chunk, self.stored_roi, self.until_s)
+        return (inside for events in every if len(inside := _inside(events, self.roi)))
+
+
+def _inside(events: npt.NDArray[np.void], roi: Roi) -> npt.NDArray[np.void]:
+    x, y = events["x"], events["y"]
+    return events[(x >= roi.x) & (x < roi.x + roi.width) & (y >= roi.y) & (y < roi.y + roi.height)]

@@ -112,6 +112,7 @@ class _Reader:
             quality=self.attributes_of("quality"),
             attributes=self.attributes,
             until_s=math.inf,
+            stored_roi=None,
             **pulses,
         )
 

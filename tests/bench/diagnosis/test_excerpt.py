@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.excerpt import beginnings, shortened_text
+from bench.diagnosis.catalogue import candidates
+from bench.diagnosis.excerpt import beginnings, middles, shortened_text
 from bench.diagnosis.recording import Frame, Recording
 from bench.diagnosis.session import open_session
 from bench.diagnosis.summary import summarise
@@ -111,6 +112,39 @@ def test_later_events_say_nothing(point: Callable[..., Any], recorded: Callable[
     ]
     np.testing.assert_array_equal(seen[0].top, seen[1].top)
     np.testing.assert_array_equal(seen[0].bottom, seen[1].bottom)
+
+
+@pytest.mark.parametrize(
+    ("size", "looked_at"),
+    [
+        ((64, 64), (64, 64)),
+        ((100, 100), (64, 64)),
+        ((1000, 4), (1000, 4)),
+        ((2000, 4), (1024, 4)),
+        ((3, 5000), (3, 1365)),
+    ],
+)
+def test_of_a_large_window_the_middle_is_looked_at(
+    point: Callable[..., Any], size: tuple[int, int], looked_at: tuple[int, int]
+) -> None:
+    asked = _of(
+        point, 1000, roi=Roi(10, 20, *size), masked=np.array([[10, 20], [10 + size[0] // 2, 20 + size[1] // 2]])
+    )
+    (found,) = middles([asked])
+    roi = found.roi
+    assert (roi.width, roi.height) == looked_at
+    assert abs((roi.x - 10) - (10 + size[0] - roi.x - roi.width)) <= 1
+    assert abs((roi.y - 20) - (20 + size[1] - roi.y - roi.height)) <= 1
+    assert len(found.masked) == (2 if size == looked_at else 1)
+    assert bool(shortened_text([asked], [found])) == (size != looked_at)
+
+
+def test_limits_of_the_readout_are_not_looked_for_in_part_of_a_window(point: Callable[..., Any]) -> None:
+    asked = _of(point, 1000, roi=Roi(10, 20, 100, 100))
+    inside, outside = (
+        {e.id for e in candidates(PixelModel(), points)} for points in (middles([asked]), [asked])
+    )  # fmt: skip
+    assert outside - inside == {"readout_saturation", "event_rate_limit"}
 
 
 def test_a_session_looks_at_the_beginnings_and_says_so_unless_all_is_wanted(

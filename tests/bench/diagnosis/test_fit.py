@@ -12,6 +12,7 @@ from bench.diagnosis.session import open_session
 from protocols.errors import InputError
 from protocols.points import Roi
 from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects.event_rate_limit import EventRateLimit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,5 +48,9 @@ def test_runs_that_cannot_be_explained_together_are_refused(
     with pytest.raises(InputError, match="has no points"), open_session([run_of([], PIXEL, 1)]):
         pass
     large = point(0, 0.0, roi=Roi(0, 0, 100, 100))
-    with pytest.raises(InputError, match="a window of 10000 pixels"), open_session([run_of([large], PIXEL, 1)]):
+    limited = PIXEL + EventRateLimit(max_rate_eps=1e6)
+    with (
+        pytest.raises(InputError, match="a window of 10000 pixels"),
+        open_session([run_of([large], PIXEL, 1)], limited),
+    ):
         pass

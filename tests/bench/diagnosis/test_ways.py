@@ -53,7 +53,9 @@ def test_statistics_move_as_far_as_wanted_whatever_was_thought(
 
 def test_a_valley_between_an_offset_and_other_numbers_is_gone_along(monkeypatch: pytest.MonkeyPatch) -> None:
     # An offset is known to the letter, and does nearly what the first number does.
-    offset = Slot(Free("alignment", "time_offset_s", "time_offset_s", "s", "linear", -9.0, 9.0, 1.0, 9.0, effect=False))
+    offset = Slot(
+        Free("alignment", "time_offset_s", "time_offset_s", "s", "linear", -9.0, 9.0, 1.0, 9.0, effect=False)
+    )
     away = _RNG.normal(size=N)
     columns = np.column_stack([_SLOPE[:, 0], _SLOPE[:, 0] + 40.0 * away / np.linalg.norm(away)])
     found = ways.directions((_SLOTS[0], offset), np.zeros(2), columns.T @ columns)

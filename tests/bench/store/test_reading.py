@@ -83,6 +83,15 @@ def test_later_events_are_left_on_disk(practice: Path, chunk: int) -> None:
     assert list(replace(point, until_s=-1.0).events(chunk)) == []
 
 
+def test_a_part_of_the_window_is_read(practice: Path) -> None:
+    point = next(p for p in Run.open(practice).points() if p.index == 3)
+    every = np.concatenate(list(point.events()))
+    part = replace(point, roi=Roi(ROI.x + 3, ROI.y + 5, 4, 2), stored_roi=point.roi)
+    x, y = every["x"].astype(int) - ROI.x, every["y"].astype(int) - ROI.y
+    wanted = every[(x >= 3) & (x < 7) & (y >= 5) & (y < 7)]
+    np.testing.assert_array_equal(np.concatenate(list(part.events(100))), wanted)
+
+
 def test_types_of_other_tools_are_understood(point_file: Path) -> None:
     with h5py.File(point_file, "r+") as file:
         file.attrs["index"] = np.float64(3.0)
