@@ -88,8 +88,8 @@ def _window_text(whole: Sequence[PointData], looked_at: Sequence[PointData]) -> 
         return ""
     of, middle = part[0]
     return (
-        f"{middle.width} x {middle.height} of {of.width} x {of.height} pixels, in the middle, where limits of the "
-        "whole readout do not show"
+        f"{middle.width} x {middle.height} of {of.width} x {of.height} pixels, in the middle (limits of the "
+        "whole readout do not show there)"
     )
 
 

@@ -61,8 +61,9 @@ def head_line(runs: Sequence[str], points: int, pixels: int, findings: Sequence[
 
 def shortened_lines(text: str) -> Iterator[str]:
     """Yield how much of the recordings was looked at, where it was not all."""
+    yield from (f"looked at {part}" for part in text.split("; ") if part)
     if text:
-        yield f"looked at {text}; more takes longer and sharpens little (--whole looks at all)"
+        yield f"{_INDENT}more takes longer and sharpens little; --whole looks at all"
 
 
 def lines_of(outcome: Outcome, places: Mapping[int, Place] | None = None) -> Iterator[str]:
