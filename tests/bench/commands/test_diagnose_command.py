@@ -40,6 +40,7 @@ class Stub:
         type(self).asked = {"runs": runs, "model": model, **options}
         options["tell"]("fitting the model")
         self.findings = self.found.findings
+        self.shortened = "the beginning of 1 of 2 recordings: 3 of 10 s"
         self.problem, self.fits = None, ()
         self._steps: tuple[Step, ...] = self.found.steps[:1]
 
@@ -127,6 +128,7 @@ def test_by_hand_the_picked_effects_are_what_is_written(diagnose: Callable[..., 
     done = diagnose("--interactive", input="leek\n\nu\nstray_light\nq\n")
     assert "leek: no such effect; did you mean leak?" in done.stdout
     assert "ENTER adds dark_current" in done.stderr
+    assert done.stdout.startswith("looked at the beginning of 1 of 2 recordings: 3 of 10 s\n")
     written = json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())
     assert written["missing"] == ["stray_light"]
     assert [s["added"] for s in written["steps"]] == [None, "stray_light"]

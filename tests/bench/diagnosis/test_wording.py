@@ -96,6 +96,14 @@ def test_a_diagnosis_without_steps_has_a_verdict_still(explained: Outcome) -> No
     assert list(lines_of(bad)) == ["verdict: the data are not fit to be judged: saturated"]
 
 
+def test_what_was_looked_at_is_told_where_it_is_not_all(explained: Outcome) -> None:
+    assert not [line for line in lines_of(explained) if line.startswith("looked at")]
+    part = replace(explained, shortened="64 x 64 of 100 x 100 pixels; the beginning of 2 of 3 recordings")
+    lines = list(lines_of(part))
+    assert lines[:2] == ["looked at 64 x 64 of 100 x 100 pixels", "looked at the beginning of 2 of 3 recordings"]
+    assert "--whole looks at all" in lines[2]
+
+
 def test_the_head_says_whether_the_data_can_be_judged() -> None:
     assert head_line(["a"], 50, 256, ()) == "run a   50 points, 256 pixels, fit to judge"
     assert head_line(["a", "b"], 1, 256, ("gaps",)) == "runs a, b   1 point, 256 pixels, not fit to judge"
