@@ -122,5 +122,5 @@ def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None]) ->
         show(line)
 
     for line in shortened_lines(diagnosis.shortened):
-        show(line)
+        show_at_rest(line)
     return watch(diagnosis, ask, show_at_rest, place)

@@ -34,7 +34,7 @@ _workers_option = click.option(
 
 _whole_option = click.option(
     "--whole", is_flag=True,
-    help="Look at all of long recordings, however long that takes; default is as much of each as says enough.",
+    help="Look at all of long recordings and large windows, however long it takes; default: as much as says enough.",
 )  # fmt: skip
 
 

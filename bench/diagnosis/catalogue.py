@@ -195,10 +195,10 @@ def _takes_hours(ids: Collection[str]) -> bool:
     return "light_rise_time" in ids and not _RESTLESS.isdisjoint(ids) and not _MORE_POLES.isdisjoint(ids)
 
 
-#: Effects that couple pixels.
-_OF_ARRAY: Final = frozenset({"crosstalk", "readout_saturation", "event_rate_limit"})
 #: Effects of all pixels together: a part of them does not show them.
 OF_ALL_PIXELS: Final = frozenset({"readout_saturation", "event_rate_limit"})
+#: Effects that couple pixels.
+_OF_ARRAY: Final = OF_ALL_PIXELS | {"crosstalk"}
 #: Effects that leave the comparators' events as they are, and change what becomes of them.
 _OF_READOUT: Final = _OF_ARRAY | {"hot_pixels", "timestamp_jitter", "trail_filter"}
 #: Few pixels have it: among less than a quarter of them there may be none, even of a share that is well seen.

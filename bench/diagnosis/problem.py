@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from bench.diagnosis.catalogue import cost_of, least_share, numbers_of
+from bench.diagnosis.excerpt import ENOUGH_EVENTS
 from bench.diagnosis.outlying import outlying_rate_hz
 from bench.diagnosis.parameters import ALIGNMENT, Free, base_parameters, put, time_offset
 from bench.diagnosis.phases import with_phases
@@ -42,10 +43,6 @@ _SENSORS: Final = 2
 #: Runs that are simulated of a model, at the least and at the most.
 _LEAST: Final = 0.0625
 _MOST: Final = 24.0
-
-#: A run with more events than this takes no longer: so much less of it is simulated, and expected values are known
-#: as much less well.
-_USUAL_EVENTS: Final = 2_000_000
 
 #: Times are known no better than this beside the stimulus.
 _TIMING_S: Final = 1e-5
@@ -113,7 +110,9 @@ class Problem:
     timing_sd_s: float  #: how well the events' times are known beside those of the stimulus
     given: Mapping[str, Mapping[str, float]]  #: of effects: numbers that can be seen by eye
     phases: tuple[float | None, ...] = ()  #: of a ripple in each recording, as far as they are known
-    thrift: float = 1.0  #: of all efforts: a run of very many events is simulated in part
+    thrift: float = 1.0
+    """Of all efforts: a run of more events than are enough takes no longer than one of so many. As much less of it is
+    simulated, and expected values are known as much less well."""
 
     @classmethod
     def of(cls, points: Sequence[PointData], forward: Forward, blur_s: float = 0.0) -> Problem:
@@ -134,7 +133,7 @@ class Problem:
         timing_s = max(forward.dt_s, _TIMING_S)
         return cls(
             tuple(points), forward, found, tuple(settings_of(points)), timing_s, _by_eye(points),
-            thrift=min(1.0, _USUAL_EVENTS / max(sum(events), 1)),
+            thrift=min(1.0, ENOUGH_EVENTS / max(sum(events), 1)),
         )  # fmt: skip
 
     @property

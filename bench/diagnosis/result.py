@@ -6,9 +6,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["Candidate", "Error", "Misfit", "Outcome", "Remainder", "Step", "Value", "Verdict"]
+__all__ = ["Candidate", "Error", "Misfit", "Outcome", "Remainder", "Step", "Value", "Verdict", "quality_dict"]
 
 Verdict = Literal["explained", "unexplained", "nothing_missing", "data_not_fit_to_judge"]
 
@@ -151,11 +153,7 @@ class Outcome:
         return {
             "format": "evs-bench-diagnosis/1",
             "runs": list(self.runs),
-            "data_quality": {
-                "ok": not self.findings,
-                "findings": list(self.findings),
-                **({"looked_at": self.shortened} if self.shortened else {}),
-            },
+            "data_quality": quality_dict(self.findings, self.shortened),
             "noise_floor": 1.0,
             "steps": [s.to_dict() for s in self.steps],
             "verdict": self.verdict,
@@ -164,3 +162,9 @@ class Outcome:
             "remainder": [r.to_dict() for r in self.remainder],
             "next_measurement": self.next_measurement,
         }
+
+
+def quality_dict(findings: Sequence[str], shortened: str) -> dict[str, Any]:
+    """Return whether data are fit to judge, and how much of them was looked at where it was not all."""
+    found: dict[str, Any] = {"ok": not findings, "findings": list(findings)}
+    return found | ({"looked_at": shortened} if shortened else {})

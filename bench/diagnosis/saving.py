@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from bench.diagnosis.by_axis import Bin, by_axis, worst_places
 from bench.diagnosis.comparison import Residual
 from bench.diagnosis.reading import BINS_FILE, JSON_FILE
+from bench.diagnosis.result import quality_dict
 from bench.plain import json_text
 from bench.store.durable import write_whole
 from bench.store.layout import PART_SUFFIX
@@ -63,11 +64,7 @@ def comparison_dict(comparison: Comparison, patterns: Sequence[Pattern]) -> dict
     return {
         "format": COMPARISON_FORMAT,
         "runs": list(comparison.runs),
-        "data_quality": {
-            "ok": not comparison.findings,
-            "findings": list(comparison.findings),
-            **({"looked_at": comparison.shortened} if comparison.shortened else {}),
-        },
+        "data_quality": quality_dict(comparison.findings, comparison.shortened),
         "noise_floor": 1.0,
         "effects": step["effects"],
         "error": step["error"],
