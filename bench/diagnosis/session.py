@@ -11,10 +11,9 @@ from bench.compute import Workforce
 from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import OF_ALL_PIXELS
 from bench.diagnosis.excerpt import ENOUGH_EVENTS, beginnings, middles, shortened_text
-from bench.diagnosis.fit import finish, fit, moved
+from bench.diagnosis.fit import finish, fit
 from bench.diagnosis.forward import Forward
-from bench.diagnosis.judging import deviance_per_dof
-from bench.diagnosis.phase_search import sharper_phases
+from bench.diagnosis.in_phase import in_phase
 from bench.diagnosis.phases import phases_of
 from bench.diagnosis.problem import Problem
 from bench.diagnosis.ripple import with_ripple
@@ -39,12 +38,6 @@ _USUAL_GRID_US: Final = 10
 _BLUR: Final = 0.5
 #: Frequencies of a ripple are the same when they agree to this.
 _SAME_HZ: Final = 1e-3
-#: Phases and numbers follow each other so often at the most, while the error falls by this share.
-_ROUNDS: Final = 4
-_BETTER: Final = 0.05
-#: They and the fit, in so many steps, follow each other so often.
-_FITS: Final = 2
-_STEPS: Final = 3
 
 
 class Session:
@@ -93,35 +86,9 @@ class Session:
 
     def in_phase(self, found: Fit, seed: int) -> Fit:
         """Return a fit, or a better one in which the ripple has the phases that the fitted model asks for."""
-        for number in range(_FITS if self._has_the_ripple(found.model) else 0):
-            own = seed + 10 * number
-            phases, turned = self._turned(found, own)
-            if turned is found:
-                break
-            self.problem = replace(self.problem, phases=phases)
-            near = approach(
-                self.problem, turned.model, turned.slots, list(turned.x), seed=own + 8, iterations=_STEPS,
-                prior=turned.start,
-            )  # fmt: skip
-            found = finish(self.problem, near)
+        if self._has_the_ripple(found.model):
+            self.problem, found = in_phase(self.problem, found, seed)
         return found
-
-    def _turned(self, found: Fit, seed: int) -> tuple[tuple[float | None, ...], Fit]:
-        """Return phases, and a fit whose numbers have followed them along straight lines: as long as both get better.
-
-        What is expected there is simulated, how it changes by number is not: that takes many times as long.
-        """
-        problem, best = self.problem, found
-        for number in range(_ROUNDS):
-            phases, there = sharper_phases(problem, best, seed + 2 * number)
-            turned = replace(problem, phases=tuple(phases))
-            again = moved(turned, best, there, seed + 2 * number + 1)
-            better = deviance_per_dof(turned, again) / deviance_per_dof(problem, best)
-            if better < 1.0 - _BETTER:
-                problem, best = turned, again
-            else:
-                break
-        return problem.phases, best
 
     def _has_the_ripple(self, model: PixelModel) -> bool:
         """Return whether a model has the ripple that can be seen in the run, at a phase that is open."""

@@ -69,6 +69,7 @@ class Chain:
     flicker_depth: float = 0.0  #: relative amplitude of the light's ripple
     flicker_hz: float = 0.0  #: frequency of the ripple, Hz
     flicker_phase: float | None = None  #: phase of the ripple at t = 0, rad; None: another in each recording
+    flicker_settled_hz: float = math.inf  #: corner of a low-pass behind which pixels had settled to it at t = 0, Hz
     nd_error_od: float = 0.0  #: what a filter in the path attenuates more than nominally, OD
     stray_lux: float = 0.0  #: light on the chip that does not come from the source, lux
     shot_factor: float = 0.0  #: power of the shot noise, 1 = Poisson

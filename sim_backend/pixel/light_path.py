@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sim_backend.pixel.chain import Chain
     from sim_backend.pixel.hooks import Hook
 
-__all__ = ["ChipLight", "commanded_light", "flicker_phase"]
+__all__ = ["ChipLight", "commanded_light", "flicker_phase", "settled_ripple"]
 
 _PURPOSE_FLICKER = 16  # of the random number that is the phase of the flicker; engines use lower ones
 
@@ -26,8 +26,9 @@ _PURPOSE_FLICKER = 16  # of the random number that is the phase of the flicker; 
 class ChipLight:
     """The illuminance on the chip at the times ``n dt``, with everything that the chain does to it.
 
-    In this order: commanded level with the error of its contrast, rise time, drift, flicker, error of the ND filter;
-    then light of the room and stray light, which none of these changes; then the functions of effects.
+    That of t = 0 is what pixels have settled to. In this order: commanded level with the error of its contrast, rise
+    time, drift, flicker, error of the ND filter; then light of the room and stray light, which none of these changes;
+    then the functions of effects.
 
     Parameters
     ----------
@@ -55,6 +56,7 @@ class ChipLight:
         self._room_lux = np.asarray(light.room_lux)
         self._nd_factor = np.where(np.asarray(light.nd_od) > 0.0, math.pow(10.0, -chain.nd_error_od), 1.0)
         self._phase = flicker_phase(chain, seed)
+        self._ripple_at_start = settled_ripple(chain, seed)
 
     def lux(self, start: int, stop: int) -> npt.NDArray[np.float64]:
         """Return the illuminance at the samples `start` to `stop` - 1, lux."""
@@ -105,7 +107,8 @@ class ChipLight:
         factor: npt.NDArray[np.float64] = self._nd_factor[self._sampler.segments(n)]
         if chain.flicker_depth != 0.0:
             turns = np.remainder(chain.flicker_hz * t_s, 1.0)
-            factor = (1.0 + chain.flicker_depth * np.sin(2.0 * math.pi * turns + self._phase)) * factor
+            ripple = np.where(n == 0, self._ripple_at_start, np.sin(2.0 * math.pi * turns + self._phase))
+            factor = (1.0 + chain.flicker_depth * ripple) * factor
         if chain.drift_per_s != 0.0:
             factor = np.maximum(1.0 + chain.drift_per_s * t_s, 0.0) * factor
         return factor
@@ -133,6 +136,12 @@ def flicker_phase(chain: Chain, seed: int) -> float:
     if chain.flicker_phase is not None:
         return chain.flicker_phase
     return 2.0 * math.pi * float(uniforms(seed, np.zeros(1, np.uint32), _PURPOSE_FLICKER)[0])
+
+
+def settled_ripple(chain: Chain, seed: int) -> float:
+    """Return the ripple to which pixels have settled at t = 0, for a depth of 1: that behind a low-pass."""
+    lag = math.atan(chain.flicker_hz / chain.flicker_settled_hz)
+    return math.cos(lag) * math.sin(flicker_phase(chain, seed) - lag)
 
 
 def commanded_light(chain: Chain, light: LightHistory) -> LightHistory:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from protocols.points import Roi
-from sim_backend.pixel import LightHistory, PixelModel
+from sim_backend.pixel import LightHistory, PixelModel, build_chain
 from sim_backend.pixel.effects import (
     ContrastError,
     DarkCurrent,
@@ -19,6 +19,7 @@ from sim_backend.pixel.effects import (
     PhotoreceptorBandwidth,
     ShotNoise,
 )
+from sim_backend.pixel.light_path import ChipLight
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -52,6 +53,39 @@ def test_flicker_fires_where_the_ripple_crosses_the_threshold(record: Record) ->
     assert events["t"][0] * 1e-6 == pytest.approx(expected_s, abs=2.0 * DT_S)
     later = record(FAST + LightFlicker(depth=0.5, frequency_hz=100.0, phase=math.pi / 2.0), 10.0, 0.1)
     assert later["p"][0] == 0  # from the crest it goes down
+
+
+@pytest.mark.effect("light_flicker", shows="closed_form")
+@pytest.mark.parametrize(("settled_hz", "memorised"), [(100.0, -0.5), (1e6, 0.0), (1e-3, 0.0)])
+def test_pixels_had_settled_to_a_ripple_behind_a_low_pass(
+    record: Record, settled_hz: float, memorised: float
+) -> None:
+    """Of sin(0) a low-pass of the ripple's frequency leaves ``cos(45 deg) sin(-45 deg)``; ON from there on."""
+    model = FAST + LightFlicker(depth=0.5, frequency_hz=100.0, phase=0.0, settled_hz=settled_hz)
+    crossing = (1.0 + 0.5 * memorised) * math.exp(0.3) - 1.0
+    expected_s = math.asin(crossing / 0.5) / (2.0 * math.pi * 100.0)
+    assert record(model, 10.0, 0.1)["t"][0] * 1e-6 == pytest.approx(expected_s, abs=3.0 * DT_S)
+
+
+@pytest.mark.effect("light_flicker", shows="closed_form")
+def test_a_ripple_that_went_on_before_makes_no_events_when_the_recording_begins() -> None:
+    """The follower's output is a wave from the first sample on; settled to the light of t = 0 it has to get there."""
+    corner_hz, at = 200.0, DT_S * np.arange(1, 2001)
+    pixel = PixelModel(noise_rms=0.0, corner_hz=corner_hz)
+    ends = []
+    for settled_hz in (corner_hz, None):
+        ripple = LightFlicker(depth=0.01, frequency_hz=100.0, phase=math.pi / 2.0, settled_hz=settled_hz)
+        lux = ChipLight(build_chain(pixel + ripple, Roi(0, 0, 1, 1), 0), LightHistory.constant(10.0), DT_S, 1)
+        light = np.log(lux.lux(0, 2001))
+        v = [light[0]]
+        for u in light[1:]:
+            v.append(u + (v[-1] - u) * math.exp(-2.0 * math.pi * corner_hz * DT_S))
+        lag = math.atan(0.5)
+        wave = math.log(10.0) + 0.01 * math.cos(lag) * np.cos(2.0 * math.pi * 100.0 * at - lag)
+        ends.append(np.max(np.abs(np.array(v[1:]) - wave)))
+    # Half of the square of the depth is what the logarithm bends, and a sample of the wave's slope.
+    assert ends[0] < 0.5e-4 + 0.01 * 2.0 * math.pi * 100.0 * DT_S
+    assert ends[1] > 1e-3
 
 
 @pytest.mark.effect("light_flicker", shows="signature")

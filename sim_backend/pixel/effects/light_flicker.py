@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
@@ -22,7 +23,12 @@ class LightFlicker(Effect):
     recording does not start at a known phase of it: where `phase` is left open, each recording has its own, drawn
     from its seed.
 
-    Source: the definition of a sinusoidal ripple; t is the time in the recording.
+    What pixels memorise at the start is the light of that moment, unless `settled_hz` is given: then they have
+    settled to a ripple that had gone on before, behind a low-pass of that corner. The source follower's is that of a
+    lamp that was on all the time; a very low one that of a ripple that begins with the recording.
+
+    Source: the definition of a sinusoidal ripple; t is the time in the recording. A low-pass of corner c leaves
+    ``cos(a) sin(phase - a)`` of ``sin(phase)``, with ``tan(a) = f / c``.
     """
 
     id: ClassVar[str] = "light_flicker"
@@ -35,6 +41,9 @@ class LightFlicker(Effect):
     depth: float = parameter("1", (0.0, 1.0), 0.05, 0.0, "amplitude relative to the mean")
     frequency_hz: float = parameter("Hz", (0.01, 2e4), 100.0, None, "frequency")
     phase: float | None = parameter("rad", (0.0, 6.2832), None, None, "phase at t = 0; open: free in each recording")
+    settled_hz: float | None = parameter(
+        "Hz", (1e-3, 1e6), None, None, "corner behind which pixels had settled at t = 0; open: to the light of t = 0"
+    )
 
     def apply(self, chain: Chain, draws: PixelDraws) -> Chain:  # noqa: ARG002 - nothing differs between pixels
         """Return the chain with this ripple."""
@@ -45,4 +54,5 @@ class LightFlicker(Effect):
             flicker_depth=self.depth,
             flicker_hz=self.frequency_hz,
             flicker_phase=self.phase,
+            flicker_settled_hz=math.inf if self.settled_hz is None else self.settled_hz,
         )

@@ -16,7 +16,7 @@ import numpy as np
 
 from sim_backend.pixel.chain import LOWEST_CURRENT_FA
 from sim_backend.pixel.light import LightHistory
-from sim_backend.pixel.light_path import ChipLight, commanded_light, flicker_phase
+from sim_backend.pixel.light_path import ChipLight, commanded_light, flicker_phase, settled_ripple
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -57,10 +57,13 @@ def with_stairs(
     light = commanded_light(chain, light)
     stair_s = _flicker_stair_s(chain, dt_s)
     flicker = stair_s * np.arange(1.0, duration_s / stair_s)
-    t_s = _cut(light.t_s, np.concatenate([flicker, _drift_cuts(chain, duration_s)]))
+    t_s = _cut(light.t_s, np.concatenate([[dt_s], flicker, _drift_cuts(chain, duration_s)]))
     level = np.searchsorted(light.t_s, t_s, side="right") - 1
     middle = 0.5 * (t_s + np.append(t_s[1:], max(duration_s, t_s[-1])))
-    factor = _flicker(chain, seed, stair_s, middle) * _drift(chain, middle)
+    ripple = _flicker(chain, seed, stair_s, middle)
+    # Pixels memorise the light of t = 0, not that of the first stair.
+    ripple[t_s < dt_s] = 1.0 + chain.flicker_depth * settled_ripple(chain, seed)
+    factor = ripple * _drift(chain, middle)
     room = np.asarray(light.room_lux)[level]
     lux = np.maximum(light.lux[level] - room, 0.0) * factor + room
     steady = replace(chain, drift_per_s=0.0, flicker_depth=0.0, contrast_gain=1.0)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from bench.diagnosis import in_phase as in_phase_module
 from bench.diagnosis import phase_search
 from bench.diagnosis import session as session_module
 from bench.diagnosis.parameters import base_parameters
@@ -64,23 +65,42 @@ def test_a_ripple_at_the_same_phase_of_every_pulse_shows_in_the_answers(
         model = on_sensor(PIXEL + ripple, run.header.sensor)
         slots = problem.slots_of(model)
         x = np.array(problem.starts(model, by_eye=False)[0])
+        statistics = len(problem.measured.labels)
         still: Any = SimpleNamespace(
-            model=model, slots=slots, x=x, start=x, jacobian=np.zeros((2, len(problem.measured.labels), len(x)))
-        )
-        found, there = sharper_phases(problem, still, seed=9)
-        assert there == pytest.approx(x)
-        assert None not in found
-        assert np.max(np.abs(np.angle(np.exp(1j * (np.array(found, np.float64) - phase))))) < 0.8
-        again, _ = sharper_phases(replace(problem, phases=(phase,) * 4), still, seed=9)
-        assert again.count(phase) >= 2
+            model=model, slots=slots, x=x, start=x, jacobian=np.zeros((2, statistics, len(x))),
+            value=np.zeros(statistics), known=np.zeros(statistics, np.bool_),
+        )  # fmt: skip
+        turned = sharper_phases(problem, still, seed=9)
+        assert turned.x == pytest.approx(x)
+        assert None not in turned.phases
+        assert np.max(np.abs(np.angle(np.exp(1j * (np.array(turned.phases, np.float64) - phase))))) < 0.8
+        again = sharper_phases(replace(problem, phases=(phase,) * 4), still, seed=9)
+        assert again.phases.count(phase) >= 2
+
+
+def test_what_a_fit_expects_at_its_phases_is_kept_and_goes_on_from_there_with_the_phase() -> None:
+    """What is simulated at other phases has a constant error; where the fit knows nothing, it is all there is."""
+    search = object.__new__(phase_search._Search)
+    search._fine = 2.0 * math.pi * np.arange(256) / 256
+    search._problem = SimpleNamespace(phases=(1.0,), measured=SimpleNamespace(points=(slice(0, 2),)))  # type: ignore[assignment]
+    search._fitted = SimpleNamespace(  # type: ignore[assignment]
+        value=np.array([3.0, 9.0]), known=np.array([True, False]), jacobian=np.ones((2, 2, 1))
+    )
+    simulated = np.stack([np.sin(search._fine) + 0.5, np.cos(search._fine)], -1)
+    search._expected = search._anchored(simulated)
+    here, there = search._place(1.0), search._place(2.0)
+    assert search._expected[here] == pytest.approx([3.0, math.cos(search._fine[here])])
+    moved = search.expected((2.0,), np.array([0.25]))
+    assert moved[0] == pytest.approx(3.25 + math.sin(search._fine[there]) - math.sin(search._fine[here]))
+    assert search.expected((None,), np.zeros(1)) == pytest.approx(search._fitted.value)
 
 
 def test_phases_and_numbers_that_hold_on_to_each_other_are_found_together() -> None:
     """What a number does is nearly what a turn of all phases does; only a last statistic tells them apart."""
     truth, number = np.array([0.5, 2.0, 4.0]), 0.2
-    fine = 2.0 * math.pi * np.arange(64) / 64
+    fine = 2.0 * math.pi * np.arange(256) / 256
     free = base_parameters(refractory_known=True)[0]
-    turned = object.__new__(phase_search._Turned)
+    turned = object.__new__(phase_search._Search)
     turned._fine = fine
     turned._problem = SimpleNamespace(phases=tuple(truth + number))  # type: ignore[assignment]
     turned._fitted = SimpleNamespace(slots=(Slot(free),), x=np.zeros(1), start=np.zeros(1))  # type: ignore[assignment]
@@ -92,7 +112,7 @@ def test_phases_and_numbers_that_hold_on_to_each_other_are_found_together() -> N
     small = 1e-6
     turned._residual = [seen(phase, number) - seen(fine, 0.0) for phase in truth]
     turned._changes = [((seen(fine, small) - seen(fine, 0.0)) / small)[:, :, None]] * len(truth)
-    phases, moved = list(turned._problem.phases), np.zeros(1)
+    phases, moved = turned._problem.phases, np.zeros(1)
     for _ in range(4):
         moved = turned.numbers(phases)
         phases = turned.phases(moved)
@@ -132,43 +152,74 @@ def test_without_a_ripple_nothing_is_said(point: Callable[..., Any], run_of: Cal
 
 
 class FollowedInTurns:
-    """Phases that come closer in each round, as the errors say, and fits that know of the last ones."""
+    """Phases that come closer in each round, as the errors of each beginning say, and fits that know of the last."""
 
-    def __init__(self, errors: dict[tuple[float, ...], float]) -> None:
+    def __init__(self, errors: dict[float | None, dict[tuple[float, ...], float]]) -> None:
         self.errors, self.fitted = errors, 0
 
-    def sharper_phases(self, problem: Any, _: Any, seed: int) -> Any:
-        best = min(self.errors)
-        return [max(problem.phases[0] - 1.0, best[0])], np.zeros(1)
+    def sharper_phases(self, problem: Any, found: Any, _: int) -> Any:
+        best = min(self.errors[beginning(found)])
+        value = np.zeros(1)
+        return SimpleNamespace(phases=(max(problem.phases[0] - 1.0, best[0]),), x=np.zeros(1), value=value)
 
-    def moved(self, problem: Any, found: Any, x: Any, _: int) -> Any:
-        return SimpleNamespace(**{**vars(found), "x": x, "phases": problem.phases})
+    def moved(self, _: Any, found: Any, x: Any, __: int) -> Any:
+        return replace(found, x=x)
 
-    def finish(self, problem: Any, near: Any) -> Any:
+    def finish(self, _: Any, near: Any) -> Any:
         self.fitted += 1
-        return self.moved(problem, near, near.x, 0)
+        return near
+
+    def error(self, problem: Any, found: Any) -> float:
+        return self.errors[beginning(found)].get(problem.phases, 9.0)
 
 
-@pytest.mark.parametrize(("errors", "end", "fits"), [
-    ({(3.0,): 9.0, (2.0,): 4.0, (1.0,): 1.0}, 1.0, 1),
-    ({(3.0,): 9.0, (2.0,): 8.9}, 3.0, 0),
+def beginning(found: Any) -> float | None:
+    """Return the corner behind which pixels have settled to the ripple."""
+    return next(e for e in found.model.effects if isinstance(e, LightFlicker)).settled_hz
+
+
+FALLS = {(3.0,): 9.0, (2.0,): 4.0, (1.0,): 1.0}
+FALLS_TOO = {(3.0,): 9.0, (2.0,): 4.0, (1.0,): 0.97}
+FALLS_FURTHER = {(3.0,): 9.0, (2.0,): 4.0, (1.0,): 0.5}
+STAYS = {(3.0,): 9.0, (2.0,): 8.9}
+FAR_OFF = {(3.0,): 20.0, (2.0,): 0.1}
+
+
+@pytest.mark.parametrize(("errors", "end", "begun", "fits"), [
+    ({None: FALLS, 150.0: STAYS, 1e-3: FAR_OFF}, 1.0, None, 1),
+    ({None: FALLS, 150.0: FALLS_TOO, 1e-3: FAR_OFF}, 1.0, None, 1),  # no better than by chance
+    ({None: FALLS, 150.0: FALLS_FURTHER, 1e-3: FAR_OFF}, 1.0, 150.0, 1),
+    ({None: STAYS, 150.0: STAYS, 1e-3: FAR_OFF}, 3.0, None, 0),
 ])  # fmt: skip
 def test_phases_and_numbers_are_followed_and_fitted_once(
-    monkeypatch: pytest.MonkeyPatch, errors: dict[tuple[float, ...], float], end: float, fits: int
+    monkeypatch: pytest.MonkeyPatch, errors: Any, end: float, begun: float | None, fits: int
 ) -> None:
     """Each round is judged by what is simulated; what makes the error hardly smaller is left."""
     turns = FollowedInTurns(errors)
     for name in ("sharper_phases", "moved", "finish"):
-        monkeypatch.setattr(session_module, name, getattr(turns, name))
-    monkeypatch.setattr(session_module, "approach", lambda *_, **__: SimpleNamespace(**vars(found)))
-    monkeypatch.setattr(session_module, "deviance_per_dof", lambda problem, _: errors[problem.phases])
+        monkeypatch.setattr(in_phase_module, name, getattr(turns, name))
+    monkeypatch.setattr(in_phase_module, "approach", lambda _, model, *__, **___: replace(found, model=model))
+    monkeypatch.setattr(in_phase_module, "deviance_per_dof", turns.error)
     session = object.__new__(session_module.Session)
     session.problem = Phases((3.0,), {LightFlicker.id: {"frequency_hz": 61.7}})  # type: ignore[assignment]
-    found: Any = SimpleNamespace(model=PIXEL + RIPPLE, slots=(), x=np.ones(1), start=np.ones(1))
+    found: Any = Found(PIXEL + RIPPLE)
     fitted = session.in_phase(found, seed=1)
     assert session.problem.phases == (end,)
+    assert beginning(fitted) == begun
     assert turns.fitted == fits
     assert (fitted is found) == (not fits)
+
+
+@dataclass(frozen=True)
+class Found:
+    """As much of a fit as is asked for."""
+
+    model: PixelModel
+    slots: tuple[Any, ...] = ()
+    x: Any = field(default_factory=lambda: np.ones(1))
+    start: Any = field(default_factory=lambda: np.ones(1))
+    value: Any = None
+    residual: Any = None
 
 
 @dataclass(frozen=True)
@@ -177,3 +228,4 @@ class Phases:
 
     phases: tuple[float, ...]
     given: dict[str, dict[str, float]]
+    measured: Any = field(default_factory=lambda: SimpleNamespace(value=np.zeros(1)))
