@@ -30,6 +30,7 @@ __all__ = [
     "place_text",
     "remainder_text",
     "shortened_lines",
+    "shortened_parts",
     "significant",
     "smallest",
     "smallest_lines",
@@ -59,9 +60,14 @@ def head_line(runs: Sequence[str], points: int, pixels: int, findings: Sequence[
     return f"{name}   {_count(points, 'point')}, {_count(pixels, 'pixel')}, {fit}"
 
 
+def shortened_parts(text: str) -> list[str]:
+    """Return how much of the recordings was looked at, where it was not all."""
+    return [f"looked at {part}" for part in text.split("; ") if part]
+
+
 def shortened_lines(text: str) -> Iterator[str]:
-    """Yield how much of the recordings was looked at, where it was not all."""
-    yield from (f"looked at {part}" for part in text.split("; ") if part)
+    """Yield how much of the recordings was looked at, where it was not all, and how all of it is."""
+    yield from shortened_parts(text)
     if text:
         yield f"{_INDENT}more takes longer and sharpens little; --whole looks at all"
 

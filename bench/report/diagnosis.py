@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.quantities import number_text
 from bench.diagnosis.reading import BINS_FILE, JSON_FILE, read_bins, read_outcome
-from bench.diagnosis.wording import apart_line, p_text, remainder_text, significant, smallest, verdict_line
+from bench.diagnosis.wording import (
+    apart_line,
+    p_text,
+    remainder_text,
+    shortened_parts,
+    significant,
+    smallest,
+    verdict_line,
+)
 from bench.report import captions
 from bench.report.figures import error_fall, misfit_map, ranking, residual_axes
 from bench.report.gallery import Picture
@@ -36,7 +44,7 @@ class DiagnosisSection:
 
     runs: tuple[str, ...]
     verdict: str
-    notes: tuple[str, ...]  #: what is left over, what to measure next
+    notes: tuple[str, ...]  #: what part was looked at, what is left over, what to measure next
     steps: Table
     parameters: Table
     candidates: Table | None  #: of the last step: what is not significant
@@ -120,7 +128,8 @@ def diagnosis_pictures(outcome: Outcome, bins: Mapping[int, Sequence[Bin]]) -> I
 
 def _section(outcome: Outcome, figures: tuple[Shown, ...]) -> DiagnosisSection:
     apart = apart_line(outcome)
-    notes = [f"Left over: {remainder_text(r)}." for r in outcome.remainder]
+    notes = [f"{capital(part)}." for part in shortened_parts(outcome.shortened)]
+    notes += [f"Left over: {remainder_text(r)}." for r in outcome.remainder]
     notes += [f"{capital(apart)}."] if apart is not None else []
     return DiagnosisSection(
         runs=outcome.runs,

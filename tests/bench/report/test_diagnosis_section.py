@@ -129,6 +129,14 @@ def test_nothing_missing_shows_what_would_have_been_seen(nothing_missing: Outcom
     assert [[c.text for c in row] for row in section.smallest.rows] == [["leak", "0.021 ln/s (rate_per_s)"]]
 
 
+def test_the_page_says_that_recordings_were_looked_at_in_part(explained: Outcome, tmp_path: Path) -> None:
+    shortened = "the beginning of 9 of 12 recordings: 80 s of 300 s; 64 x 64 of 100 x 100 pixels"
+    save_outcome(replace(explained, shortened=shortened), tmp_path)
+    source = write_diagnosis(tmp_path).read_text(encoding="utf-8")
+    assert "Looked at the beginning of 9 of 12 recordings: 80 s of 300 s." in source
+    assert "Looked at 64 x 64 of 100 x 100 pixels." in source
+
+
 def test_data_that_are_not_fit_have_a_page_without_figures(explained: Outcome, tmp_path: Path) -> None:
     bad = replace(
         explained, verdict="data_not_fit_to_judge", findings=("saturated",), steps=(), next_measurement=None
