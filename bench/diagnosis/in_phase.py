@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
-    from sim_backend.pixel.model import PixelModel
 
 __all__ = ["in_phase"]
 
@@ -29,7 +28,7 @@ _ROUNDS: Final = 4
 _BETTER: Final = 0.05
 #: The fit that follows them goes so many steps.
 _STEPS: Final = 3
-#: What has this many times the error at first is no way on.
+#: A beginning that has this many times the error of another one, at first, is not followed.
 _MUCH_WORSE: Final = 1.25
 #: A ripple that begins with the recording: what pixels have settled to has nothing of it.
 _NOT_BEFORE_HZ: Final = 1e-3
@@ -48,9 +47,11 @@ def in_phase(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:
     problem, fit
         The problem knows the phases that the fit is of.
     """
-    error = deviance_per_dof(problem, moved(problem, found, found.x, seed))
-    there, turned, least = _best([_followed(problem, one, seed + 10) for one in _begun(problem, found, seed)])
-    if least >= (1.0 - _BETTER) * error:
+    begun = _begun(found)
+    errors = [deviance_per_dof(problem, moved(problem, one, one.x, seed)) for one in begun]
+    likely = [one for one, error in zip(begun, errors, strict=True) if error <= _MUCH_WORSE * min(errors)]
+    there, turned, least = _best([_followed(problem, one, seed + 10) for one in likely])
+    if least >= (1.0 - _BETTER) * errors[0]:
         return problem, found
     near = approach(
         there, turned.model, turned.slots, list(turned.x), seed=seed + 90, iterations=_STEPS, prior=turned.start
@@ -58,33 +59,23 @@ def in_phase(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:
     return _tuned(there, finish(there, near), seed + 95)
 
 
-def _begun(problem: Problem, found: Fit, seed: int) -> list[Fit]:
+def _begun(found: Fit) -> list[Fit]:
     """Return the fit with each corner behind which pixels may have settled to the ripple, if it is open.
 
-    Those with which the run is much less likely are left out; the first is that of the fit.
+    The first is the fit itself.
     """
-    ripple = _ripple(found.model)
-    if ripple.settled_hz is not None:
+    ripple = found.model.effect(LightFlicker.id)
+    if not isinstance(ripple, LightFlicker) or ripple.settled_hz is not None:
         return [found]
-    corners = (None, found.model.corner_hz, _NOT_BEFORE_HZ)
-    all_of_them = [
-        replace(found, model=replace(found.model, effects=tuple(
-            replace(ripple, settled_hz=hz) if e is ripple else e for e in found.model.effects
-        )))
-        for hz in corners
-    ]  # fmt: skip
-    errors = [deviance_per_dof(problem, moved(problem, one, one.x, seed)) for one in all_of_them]
-    return [one for one, error in zip(all_of_them, errors, strict=True) if error <= _MUCH_WORSE * min(errors)]
+    corners = (found.model.corner_hz, _NOT_BEFORE_HZ)
+    models = [found.model.changed(replace(ripple, settled_hz=hz)) for hz in corners]
+    return [found, *(replace(found, model=model) for model in models)]
 
 
 def _best(followed: Sequence[tuple[Problem, Fit, float]]) -> tuple[Problem, Fit, float]:
     """Return the first of them, or the best if that is better by more than chance."""
     best = min(followed, key=lambda one: one[2])
     return best if best[2] < (1.0 - _BETTER) * followed[0][2] else followed[0]
-
-
-def _ripple(model: PixelModel) -> LightFlicker:
-    return next(e for e in model.effects if isinstance(e, LightFlicker))
 
 
 def _followed(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit, float]:

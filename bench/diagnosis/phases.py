@@ -41,8 +41,7 @@ def with_phases(models: Sequence[PixelModel], phases: Sequence[float | None]) ->
     for i, (model, phase) in enumerate(zip(models, phases, strict=True)):
         one = model.effect(LightFlicker.id)
         if phase is not None and isinstance(one, LightFlicker) and one.phase is None:
-            effects = tuple(replace(e, phase=phase) if e is one else e for e in model.effects)
-            found[i] = replace(model, effects=effects)
+            found[i] = model.changed(replace(one, phase=phase))
     return found
 
 

@@ -75,6 +75,10 @@ class PixelModel(Described):
         """Return this model without the effect of that id; the same if it has none."""
         return replace(self, effects=tuple(e for e in self.effects if e.id != effect_id))
 
+    def changed(self, effect: Effect) -> PixelModel:
+        """Return this model with an effect in the place of the one that has its id."""
+        return replace(self, effects=tuple(effect if e.id == effect.id else e for e in self.effects))
+
     def effect(self, effect_id: str) -> Effect | None:
         """Return the effect of that id, or None."""
         return next((e for e in self.effects if e.id == effect_id), None)

@@ -78,6 +78,9 @@ def test_an_effect_is_added_once_and_can_be_taken_away() -> None:
         FULL + DarkCurrent()
     assert FULL.effect("dark_current") == DarkCurrent(mean_fa=8.0, spread=0.3)
     assert FULL.without("dark_current").effect("dark_current") is None
+    weaker = DarkCurrent(mean_fa=1.0)
+    assert FULL.changed(weaker).effects == tuple(weaker if e.id == "dark_current" else e for e in FULL.effects)
+    assert PixelModel().changed(weaker) == PixelModel()
     with pytest.raises(TypeError):
         PixelModel() + 3  # type: ignore[operator]
 
