@@ -9,13 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import refit
-from bench.diagnosis.diagnosis import Diagnosis, _ties
+from bench.diagnosis import diagnosis, refit, shortlist
+from bench.diagnosis.diagnosis import Diagnosis
+from bench.diagnosis.shortlist import Shortlist
+from bench.diagnosis.verdict import ties_of
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+
+@pytest.fixture(autouse=True)
+def judged_by_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is made up is no fit that could be judged."""
+    monkeypatch.setattr(diagnosis, "is_explained", lambda made, _: made.left.get(made.way(made._states), 9.0) < 1.1)
+    monkeypatch.setattr(diagnosis, "share", lambda _, __, left: 1.0 - left)
+    monkeypatch.setattr(diagnosis, "may_be_added", lambda _, __: True)
+    monkeypatch.setattr(shortlist, "is_far_off", lambda _, __: True)
+    monkeypatch.setattr(shortlist, "can_judge", lambda _, __, ___: True)
 
 
 def found(effect: str, deviance: float) -> Any:
@@ -30,6 +42,7 @@ class MadeUp(Diagnosis):
         self.rivals = rivals
         self.findings = ()
         self._say = lambda _: None
+        self._session = SimpleNamespace(problem=self)  # type: ignore[assignment]
         self._states = [self._look("base", None, 0.0)]
         self._states[0].refitted = {f.effect: f for f in rivals}
 
@@ -47,17 +60,8 @@ class MadeUp(Diagnosis):
             self._states.append(self._look(longer[0][-1], longer[0][-1], 0.9))
             self._go_on(most)
 
-    def _is_explained(self, state: Any) -> bool:
-        return self.left.get(self.way(self._states), 9.0) < 1.1
-
     def _drop(self) -> None:
         """Nothing turns out to be needless."""
-
-    def _share(self, state: Any, other: Any) -> float:
-        return 1.0 - float(other.deviance)
-
-    def _may_be_added(self, found: Any) -> bool:
-        return True
 
     def outcome(self) -> Any:
         return self.way(self._states)
@@ -122,7 +126,7 @@ def test_what_was_proposed_or_tied_is_no_other_way() -> None:
     assert way == ("light_drift",)
 
 
-class Promising(Diagnosis):
+class Promising(Shortlist):
     """A model far off; each effect takes away the share that the table says, the screen promises what it says."""
 
     def __init__(self, promised: Sequence[str], shares: dict[str, float]) -> None:
@@ -131,6 +135,7 @@ class Promising(Diagnosis):
         self.fitted_to_the_end: list[int | None] = []
         self._asked_all = False
         self.foreseen = True
+        self._session = SimpleNamespace(problem=None)  # type: ignore[assignment]
 
     def state(self) -> Any:
         probes = [SimpleNamespace(effect=SimpleNamespace(id=name)) for name in self.shares]
@@ -140,14 +145,8 @@ class Promising(Diagnosis):
     def _promising(self, _: Any) -> list[str]:
         return list(self.promised)
 
-    def _far_off(self, _: Any) -> bool:
-        return True
-
     def _is_foreseen(self, _: Any) -> bool:
         return self.foreseen
-
-    def _can_judge(self, _: Any, __: int) -> bool:
-        return True
 
     def _propose(
         self, state: Any, shortlist: Sequence[str], worth: float = 0.15, most: int | None = None,
@@ -163,12 +162,12 @@ class Promising(Diagnosis):
 def test_where_nothing_promises_anything_all_are_asked_and_have_to_explain_most() -> None:
     made = Promising(["high_pass"], {"crosstalk": 0.4, "high_pass": 0.1, "reset_noise": 0.9, "hot_pixels": 0.3})
     state = made.state()
-    made._choose(state)
+    made.choose(state)
     assert state.proposal == "reset_noise"
     assert [names for names, _ in made.asked] == [["high_pass"], ["hot_pixels", "reset_noise", "crosstalk"]]
     assert made.fitted_to_the_end == [None, 3]
     again = made.state()  # once is enough
-    made._choose(again)
+    made.choose(again)
     assert again.proposal is None
     assert len(made.asked) == 3
 
@@ -182,7 +181,7 @@ def test_where_none_promises_much_of_it_six_are_refitted_at_once(foreseen: bool)
     )
     made.foreseen = foreseen
     state = made.state()
-    made._choose(state)
+    made.choose(state)
     assert state.proposal == ("crosstalk" if foreseen else "threshold_mismatch")
     assert [asked for asked, _ in made.asked] == [names[:3] if foreseen else names[:6]]
 
@@ -217,7 +216,7 @@ def test_what_is_the_same_in_a_run_is_fitted_once(ambient: str) -> None:
 def test_what_explains_some_of_it_alone_is_not_taken_for_what_is_missing() -> None:
     made = Promising([], {"crosstalk": 0.4, "hot_pixels": 0.7})
     state = made.state()
-    made._choose(state)
+    made.choose(state)
     assert state.proposal is None
 
 
@@ -232,6 +231,6 @@ def test_what_was_tied_and_then_added_is_tied_no_more() -> None:
     first = state(None, delay.id, (trail.id, "light_rise_time"))
     second = state(delay.id, trail.id, (), delay)
     third = state(trail.id, None, (), delay, trail)
-    assert _ties([first, second], [delay.id]) == {delay.id: (trail.id, "light_rise_time")}
-    assert _ties([first, second, third], [delay.id, trail.id]) == {delay.id: ("light_rise_time",)}
-    assert _ties([first, second], []) == {}
+    assert ties_of([first, second], [delay.id]) == {delay.id: (trail.id, "light_rise_time")}
+    assert ties_of([first, second, third], [delay.id, trail.id]) == {delay.id: ("light_rise_time",)}
+    assert ties_of([first, second], []) == {}

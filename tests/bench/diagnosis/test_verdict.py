@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.diagnosis import Diagnosis
 from bench.diagnosis.fitted import Fit
+from bench.diagnosis.state import share
+from bench.diagnosis.verdict import verdict_of
 from sim_backend.pixel import PixelModel
 
 N = 400
@@ -25,19 +26,14 @@ def fitted(residual: Any) -> Fit:
 def named(before: Any, after: Any) -> tuple[str, ...]:
     """Return what is named once an effect has led from some residuals to others."""
 
-    class MadeUp(Diagnosis):
-        def __init__(self) -> None:
-            self.findings = ()
-            self._session = SimpleNamespace(problem=SimpleNamespace(measured=SimpleNamespace(points=(slice(0, N),))))  # type: ignore[assignment]
-
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=(slice(0, N),)))
     fits = [fitted(residual) for residual in (before, after)]
-    made = MadeUp()
-    fall = made._share(SimpleNamespace(fit=fits[0]), SimpleNamespace(deviance=float(np.sum(after**2))))  # type: ignore[arg-type]
+    fall = share(problem, fits[0], float(np.sum(after**2)))
     states: Any = [
         SimpleNamespace(fit=fit, added=added, fall=f)
         for fit, added, f in zip(fits, (None, "leak"), (0.0, fall), strict=True)
     ]
-    verdict, missing = made._verdict(states)
+    verdict, missing = verdict_of(problem, states)
     assert verdict == "unexplained"
     return missing
 

@@ -1,0 +1,97 @@
+"""A step of a diagnosis on its way: the fitted model, what it may lack, and what was tried."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis.judging import deviance, deviance_per_dof, excess, freedom
+from bench.diagnosis.refit import needless
+from bench.diagnosis.robust import loss
+
+if TYPE_CHECKING:
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.parameters import Free
+    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.refit import Found
+    from bench.diagnosis.screen import Scores
+
+__all__ = ["State", "can_judge", "is_explained", "is_far_off", "loss_of", "may_be_added", "share", "share_of_loss"]
+
+#: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
+_FAR_OFF: Final = 1.3
+#: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
+_EXPLAINED: Final = 5.0
+#: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
+_LOOKS: Final = 2.0
+
+
+@dataclass
+class State:
+    """A fitted model, what is known about what it lacks, and how it came about."""
+
+    fit: Fit
+    scores: Scores
+    added: str | None  #: effect; None: the model to start from
+    fall: float  #: share of what was too much in the deviance that the effect took away
+    refitted: dict[str, Found] = field(default_factory=dict)
+    hopeless: frozenset[str] = frozenset()  #: effects that come nowhere near the best
+    tied: tuple[str, ...] = ()
+    proposal: str | None = None
+    chosen: bool = False  #: whether a proposal was looked for
+
+
+def is_explained(problem: Problem, one: Fit) -> bool:
+    """Return whether a model leaves no more than chance does."""
+    return excess(problem, one) <= _EXPLAINED
+
+
+def is_far_off(problem: Problem, one: Fit) -> bool:
+    """Return whether straight lines do not tell what is missing."""
+    return deviance_per_dof(problem, one) > _FAR_OFF
+
+
+def loss_of(problem: Problem, one: Fit) -> float:
+    """Return the loss of the residuals of a fit, in which large ones count by their size."""
+    return loss(one.whiten(one.residual, problem.measured.points))
+
+
+def share(problem: Problem, before: Fit, left: float) -> float:
+    """Return the share of what was too much in the deviance that an effect took away.
+
+    Parameters
+    ----------
+    left
+        The deviance with the effect.
+    """
+    n = freedom(before)
+    return (deviance(problem, before) - left) / max(deviance(problem, before) - n, math.sqrt(2.0 * n))
+
+
+def share_of_loss(problem: Problem, before: Fit, after: Fit) -> float:
+    """Return the share of what was too much in the loss that an effect took away.
+
+    The deviance may be that of a few statistics, of which hardly anything was to be expected: an effect that lets a
+    little more be expected of them takes most of it away, and they are as wrong as before.
+    """
+    one, other, n = loss_of(problem, before), loss_of(problem, after), freedom(before)
+    return (one - other) / max(one - n, math.sqrt(2.0 * n))
+
+
+def may_be_added(problem: Problem, found: Found) -> bool:
+    """Return whether a fitted effect is there, and coarser than the grid of the simulation."""
+    numbers = zip(found.fit.slots, found.fit.x, strict=True)
+    coarse = all(_coarse(problem, s.free, float(x)) for s, x in numbers if s.free.owner == found.effect)
+    return coarse and not needless(problem, found.fit, found.effect)
+
+
+def can_judge(problem: Problem, scores: Scores, i: int) -> bool:
+    """Return whether an effect is coarser than the grid of the simulation, if it is a matter of time."""
+    sizes = zip(scores.probes[i].free, scores.size[i], strict=True)
+    return all(size == 0.0 or _coarse(problem, free, float(size)) for free, size in sizes)
+
+
+def _coarse(problem: Problem, free: Free, coordinate: float) -> bool:
+    finest = _LOOKS * problem.forward.dt_s
+    return free.unit != "s" or free.scale == "log" or free.value(abs(coordinate)) >= finest

@@ -1,0 +1,51 @@
+"""What the steps of a diagnosis come to: the verdict, what is named, and what could take its place."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis.judging import deviance_per_dof
+from bench.diagnosis.state import is_explained, share_of_loss
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.result import Verdict
+    from bench.diagnosis.state import State
+
+__all__ = ["ties_of", "verdict_of"]
+
+#: Where something is left that nothing explains, only effects that take away so much of it are named.
+_SURE: Final = 0.75
+#: Up to this deviance per degree of freedom not much is left.
+_NEARLY: Final = 1.5
+
+
+def verdict_of(problem: Problem, states: Sequence[State]) -> tuple[Verdict, tuple[str, ...]]:
+    """Return the verdict, and the effects that are named.
+
+    Effects that leave much behind may only have mimicked what no catalogue knows.
+    """
+    last = states[-1].fit
+    if is_explained(problem, last):
+        named = tuple(s.added for s in states[1:] if s.added is not None)
+        return ("explained" if named else "nothing_missing"), named
+    nearly = deviance_per_dof(problem, last) < _NEARLY
+    sure = (
+        after.added for before, after in pairwise(states)
+        if after.added is not None
+        and (nearly or min(after.fall, share_of_loss(problem, before.fit, after.fit)) > _SURE)
+    )  # fmt: skip
+    return "unexplained", tuple(sure)
+
+
+def ties_of(states: Sequence[State], missing: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return for each effect that was added what could take its place, but for what was added as well."""
+    found = {}
+    for before, state in pairwise(states):
+        others = tuple(name for name in before.tied if states[-1].fit.model.effect(name) is None)
+        if state.added is not None and state.added in missing and others and before.proposal == state.added:
+            found[state.added] = others
+    return found
