@@ -6,7 +6,9 @@ Simulated expectations are uncertain, and the square of a difference would count
 differences from sensors that have nothing in common does not. So it is with the changes: with chance in them they
 would take up less than they do, and what is but a later clock would count as size. What is still uncertain is told by
 how the two differences differ; an effect that does not stand out of it is made larger until it does, and the size
-found goes down by as much: small effects are straight lines, as far as what was seen of them lets them be.
+found goes down by as much: small effects are straight lines, as far as what was seen of them lets them be. Some are
+bent from nothing on: of a short rise of the light the clock takes up all that is in proportion to it. So it is looked
+at once more, larger, and what grows faster falls faster.
 """
 
 from __future__ import annotations
@@ -41,6 +43,8 @@ _FARTHEST: Final = 4.0
 #: An effect whose fall stands out by fewer standard errors is made larger, by this factor, so many times in all.
 _CLEARLY: Final = 6.0
 _LARGER, _LARGEST = 4.0, 256.0
+#: Sizes go with the square at the most.
+_STEEPEST: Final = 2.0
 #: Of two sizes the one of the smaller effect holds where they are more standard errors apart.
 _BELIEVED: Final = 3.0
 
@@ -105,11 +109,25 @@ def _size(
         seen.append((found, doubt, factor))
         factor *= _LARGER
         apart = truth.apart(rest, rest + larger)
-    size = _root(found) / factor
+    power = _power(truth, rest, effect, factor, found, base, prior)
+    size = _root(found) / math.pow(factor, power)
     for smaller, doubt, at in reversed(seen):
-        if (size * at) ** 2 > smaller + _BELIEVED * doubt:
-            size = _root(smaller + doubt) / at
+        if (size * math.pow(at, power)) ** 2 > smaller + _BELIEVED * doubt:
+            size = _root(smaller + doubt) / math.pow(at, power)
     return size
+
+
+def _power(
+    truth: Truth, rest: PixelModel, effect: Effect | None, factor: float, found: float, base: Pair, prior: Floats
+) -> float:  # fmt: skip
+    """Return with which power of how large an effect is its size goes, where it had to be made larger."""
+    larger = None if effect is None or factor == 1.0 else _larger(effect, factor * _LARGER)
+    if larger is None or found <= 0.0:
+        return 1.0
+    more, doubt = _left(truth, rest, rest + larger, truth.apart(rest, rest + larger), base, prior)
+    # What may be chance makes no power: the least that it may well have grown by counts.
+    grown = _root(more - doubt) / _root(found)
+    return min(max(math.log(grown) / math.log(_LARGER), 1.0), _STEEPEST) if grown > 0.0 else 1.0
 
 
 def _left(

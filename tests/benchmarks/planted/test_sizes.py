@@ -53,6 +53,11 @@ def test_a_small_effect_is_a_straight_line(monkeypatch: pytest.MonkeyPatch) -> N
     assert size_of(lambda factor: 2.0 * factor, monkeypatch) == pytest.approx(2.0)
 
 
+def test_what_goes_with_the_square_falls_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a short rise of the light the clock takes up all that is in proportion to it."""
+    assert size_of(lambda factor: 0.5 * factor**2, monkeypatch) == pytest.approx(0.5, rel=0.01)
+
+
 def test_what_sets_in_beyond_a_size_is_no_larger_than_what_was_seen_below(monkeypatch: pytest.MonkeyPatch) -> None:
     found = size_of(lambda factor: 1e5 if factor > 10.0 else 0.0, monkeypatch)
     assert 0.0 < found < np.sqrt(3.5 * DOUBT)
