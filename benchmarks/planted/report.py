@@ -54,7 +54,8 @@ def _lines(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> Iter
     yield "# What the diagnosis finds, and what it does not"
     yield ""
     yield "Runs whose truth is known, diagnosed as any run is. Made by `make study` (`benchmarks/planted/`), from"
-    yield f"seed {_seeds(records)} and revision {_revisions(records)}; {_counts(cases)}."
+    yield f"seed {_seeds(records)} and revision {_revisions(records)}, sizes from {_revisions(records, 'sizes')};"
+    yield f"{_counts(cases)}."
     yield ""
     yield from _METHOD
     yield ""
@@ -152,6 +153,7 @@ def _numbers(records: Sequence[Mapping[str, Any]], cases: Sequence[Tried]) -> di
         "format": "evs-bench-planted-study/1",
         "seeds": sorted({r["study_seed"] for r in records}),
         "revisions": sorted({r["revision"] for r in records}),
+        "sizes_revisions": sorted({r["sizes_revision"] for r in records}),
         "finished": {kind: sum(c.kind == kind for c in cases) for kind in KINDS},
         "claims": [{"what": c.text, "asked": c.asked, **c.found.to_dict()} for c in numbers.claims(cases)],
         "mean_group": _plain(numbers.group_size(cases)),
@@ -188,5 +190,5 @@ def _seeds(records: Sequence[Mapping[str, Any]]) -> str:
     return ", ".join(str(s) for s in sorted({r["study_seed"] for r in records}))
 
 
-def _revisions(records: Sequence[Mapping[str, Any]]) -> str:
-    return ", ".join(sorted({r["revision"] for r in records}))
+def _revisions(records: Sequence[Mapping[str, Any]], of: str = "") -> str:
+    return ", ".join(sorted({r[f"{of}_revision" if of else "revision"] for r in records}))

@@ -68,7 +68,7 @@ def joined(diagnoses: Path, sizes: Path) -> list[dict[str, Any]]:
     """Return the cases of which both is finished, diagnosis and sizes."""
     known = {r["name"]: r for r in read(sizes)}
     return [
-        {**r, "sizes": known[r["name"]]["sizes"]}
+        {**r, "sizes": known[r["name"]]["sizes"], "sizes_revision": known[r["name"]]["revision"]}
         for r in read(diagnoses)
         if r["name"] in known and known[r["name"]]["truth"] == r["truth"]
     ]

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SLOW", "TIMING_US", "Truth"]
 
-_STEP_S: Final = 2e-5
 #: Two sets of so many sensors; sets share no random numbers, models within a set share all of them.
 _SENSORS: Final = 3
 _SETS: Final = 2
@@ -52,7 +51,8 @@ class _Bench:
     """The points of a case, and what simulated sensors of models show there.
 
     What takes long is simulated in a quarter of the pixels, and sizes are made twice as large: they go with the root
-    of the number of pixels.
+    of the number of pixels. The comparators look as often as they did in the case: events that come at the same look
+    wait for each other in a readout, and seldom looks would make that a large effect.
     """
 
     def __init__(self, case: Case) -> None:
@@ -62,7 +62,7 @@ class _Bench:
             self.points = [replace(p, roi=_QUARTER) for p in self.points]
         self.scale = 2.0 if slow else 1.0
         self._seed = case.seed
-        self._engine = engine_of(_STEP_S)
+        self._engine = engine_of(case.dt_s)
 
     def see(self, model: PixelModel, of_set: int, sensors: int, late_us: int = 0) -> list[list[Summary]]:
         """Return what each point shows, for each sensor of a set, when all events come somewhat late."""
