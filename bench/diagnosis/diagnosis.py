@@ -291,6 +291,7 @@ class Diagnosis:
     def _look(self, fitted: Fit, added: str | None, fall: float) -> State:
         number = len(self._states)
         fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
+        fitted = self._session.sharpened(fitted, self._seed + 100 * number + 31)
         fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
         self._say(f"step {number}: looking for what is missing")
         scores = self._probed(fitted, number)

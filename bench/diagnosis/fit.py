@@ -76,10 +76,16 @@ def fit(
     return finish(problem, approach(problem, model, slots, x, seed=seed, wrong=_ANYWHERE))
 
 
-def finish(problem: Problem, near: Approach) -> Fit:
-    """Go to the minimum with more effort, and return the fit there."""
+def finish(problem: Problem, near: Approach, *, precise: bool = False) -> Fit:
+    """Go to the minimum with more effort, and return the fit there.
+
+    Parameters
+    ----------
+    precise
+        Of what takes long as many pixels are simulated as of the base pixel, however long that takes.
+    """
     model, slots, start = near.model, near.slots, near.start
-    there = _minimum(problem, near)
+    there = _minimum(problem, near, precise)
     here, jacobian = there.expected, there.jacobian
     x, value = _last_step(problem, here, jacobian, slots, there.at, start, _LAST if there.close else _SHORTEST)
     models = problem.models(model, slots, x)
@@ -131,15 +137,16 @@ class _Minimum:
     close: bool  #: the model is not far off
 
 
-def _minimum(problem: Problem, near: Approach) -> _Minimum:
+def _minimum(problem: Problem, near: Approach, precise: bool) -> _Minimum:
     """Go from place to place; what is expected is known from all that are close by, the better the more there are."""
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
     # A model that is far off is not worth the effort.
     hopeless = _HOPELESS * len(problem.measured.labels)
     close = near.loss < hopeless
+    more = max(problem.cost(problem.models(model, slots, at)), 1.0) if precise else 1.0
 
     def look(x: Floats, number: int) -> tuple[Sequence[Sensor], Expectation]:
-        found = problem.simulate([problem.models(model, slots, x)], seed + 10 * number, _FINE)[0]
+        found = problem.simulate([problem.models(model, slots, x)], seed + 10 * number, _FINE * more)[0]
         return found, shifted(problem, problem.expect(found), slots, x)
 
     sensors, here = look(at, 0)
@@ -147,7 +154,7 @@ def _minimum(problem: Problem, near: Approach) -> _Minimum:
         ways = well_seen(problem, model, slots, at, here, near.information, seed + 2)
     else:
         ways = directions(slots, at, near.information)
-    samples = samples_around(problem, model, slots, at, seed + 1, ways, _SHARP if close else _BLUNT)
+    samples = samples_around(problem, model, slots, at, seed + 1, ways, (_SHARP if close else _BLUNT) * more)
     samples.append(sample_of(problem, at, sensors))
     jacobian = slopes(problem, slots, at, here, samples, ways)
     visited, seen = [(at, here)], [sensors]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
 
-__all__ = ["in_phase"]
+__all__ = ["in_phase", "tuned"]
 
 #: Phases and numbers follow each other so often at the most, while the error falls by this share.
 _ROUNDS: Final = 4
@@ -56,7 +56,7 @@ def in_phase(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:
     near = approach(
         there, turned.model, turned.slots, list(turned.x), seed=seed + 90, iterations=_STEPS, prior=turned.start
     )  # fmt: skip
-    return _tuned(there, finish(there, near), seed + 95)
+    return tuned(there, finish(there, near), seed + 95)
 
 
 def _begun(found: Fit) -> list[Fit]:
@@ -97,7 +97,7 @@ def _followed(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit, fl
     return problem, best, error
 
 
-def _tuned(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:
+def tuned(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:
     """Return a fit with phases that are as sharp as what it expects, if its error falls; nothing is simulated there.
 
     What a fit expects is known from many looks, much better than a look at other phases would tell it.

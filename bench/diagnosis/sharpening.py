@@ -1,0 +1,51 @@
+"""A fit of what takes long to simulate, done again with as many pixels as that of a base pixel.
+
+Of a ripple or a shot noise little is simulated on the way. In a narrow valley, where thresholds, noise and corner go
+up together, that is too little: what chance does to a look is more than what a step along the valley gains.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis import robust
+from bench.diagnosis.approach import Approach
+from bench.diagnosis.cloud import Cloud
+from bench.diagnosis.fit import finish
+from bench.diagnosis.fitted import prior_precision
+from bench.diagnosis.judging import deviance_per_dof, excess
+
+if TYPE_CHECKING:
+    from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.problem import Problem
+
+__all__ = ["asks_for_more", "sharpened"]
+
+#: A deviance that is larger by so many standard deviations than that of a true model, and not by such a factor, may
+#: be that of too little effort.
+_MORE_THAN_CHANCE: Final = 2.0
+_NEARBY: Final = 2.0
+#: Models that take no longer than this, beside a base pixel, had as much of it already.
+_CHEAP: Final = 1.5
+
+
+def asks_for_more(problem: Problem, found: Fit) -> bool:
+    """Return whether a fit leaves more than chance does, and little was simulated of it."""
+    if excess(problem, found) < _MORE_THAN_CHANCE or deviance_per_dof(problem, found) > _NEARBY:
+        return False
+    return problem.cost(problem.models(found.model, found.slots, found.x)) > _CHEAP
+
+
+def sharpened(problem: Problem, found: Fit, seed: int) -> Fit:
+    """Return the same model fitted on from where it is, with as many pixels as a base pixel."""
+    first, second = (found.whiten(half, problem.measured.points) for half in found.jacobian)
+    both = first.T @ second
+    residual = found.whiten(found.residual, problem.measured.points)
+    prior = prior_precision(found.slots) * (found.x - found.start) ** 2
+    near = Approach(
+        model=found.model, slots=found.slots, at=found.x, start=found.start,
+        loss=robust.loss(residual) + math.fsum(prior), seed=seed,
+        information=robust.positive(0.5 * (both + both.T)), reach=0.0, cloud=Cloud(),
+    )  # fmt: skip
+    return finish(problem, near, precise=True)
