@@ -10,6 +10,7 @@ import numpy as np
 from bench.diagnosis.drawn import drawn_variance
 from bench.diagnosis.fitted import live, prior_precision, solve
 from bench.diagnosis.result import Error, Misfit, Step, Value
+from bench.diagnosis.robust import loss
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,6 +27,7 @@ __all__ = [
     "excess",
     "freedom",
     "heldout",
+    "loss_left",
     "more_than_chance",
     "step_of",
     "values_of",
@@ -60,6 +62,11 @@ def deviance_beside(problem: Problem, one: Fit, other: Fit) -> float:
 def freedom(one: Fit) -> int:
     """Return the number of independent residuals less that of the fitted numbers."""
     return max(sum(int(live(root).sum()) for root in one.roots) - len(one.slots), 1)
+
+
+def loss_left(problem: Problem, one: Fit) -> float:
+    """Return the loss of the independent residuals of a fit, in which large ones count by their size."""
+    return loss(one.whiten(one.residual, problem.measured.points))
 
 
 def deviance_per_dof(problem: Problem, one: Fit) -> float:

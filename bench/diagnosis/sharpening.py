@@ -6,15 +6,16 @@ up together, that is too little: what chance does to a look is more than what a 
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from bench.diagnosis import robust
 from bench.diagnosis.approach import Approach
 from bench.diagnosis.cloud import Cloud
 from bench.diagnosis.fit import finish
 from bench.diagnosis.fitted import prior_precision
-from bench.diagnosis.judging import deviance_per_dof, excess
+from bench.diagnosis.judging import deviance_per_dof, excess, loss_left
 
 if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
@@ -41,11 +42,10 @@ def sharpened(problem: Problem, found: Fit, seed: int) -> Fit:
     """Return the same model fitted on from where it is, with as many pixels as a base pixel."""
     first, second = (found.whiten(half, problem.measured.points) for half in found.jacobian)
     both = first.T @ second
-    residual = found.whiten(found.residual, problem.measured.points)
-    prior = prior_precision(found.slots) * (found.x - found.start) ** 2
+    prior = float(np.sum(prior_precision(found.slots) * (found.x - found.start) ** 2))
     near = Approach(
         model=found.model, slots=found.slots, at=found.x, start=found.start,
-        loss=robust.loss(residual) + math.fsum(prior), seed=seed,
+        loss=loss_left(problem, found) + prior, seed=seed,
         information=robust.positive(0.5 * (both + both.T)), reach=0.0, cloud=Cloud(),
     )  # fmt: skip
     return finish(problem, near, precise=True)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from bench.diagnosis.catalogue import RARE, TWINS, are_the_same
-from bench.diagnosis.judging import deviance, freedom
+from bench.diagnosis.judging import deviance, freedom, loss_left
 from bench.diagnosis.likeness import nearer
 from bench.diagnosis.refit import Found
-from bench.diagnosis.state import can_judge, is_explained, is_far_off, loss_of, may_be_added, share
+from bench.diagnosis.state import can_judge, is_explained, is_far_off, may_be_added, share
 from bench.diagnosis.ties import tied_with
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class Shortlist:
 
     def _is_foreseen(self, state: State) -> bool:
         """Return whether some effect promises a good part of what is missing: else their order says little."""
-        left = loss_of(self._problem, state.fit) - freedom(state.fit)
+        left = loss_left(self._problem, state.fit) - freedom(state.fit)
         return float(max(state.scores.drop, default=0.0)) > _FORESEEN * left
 
     def _promising(self, state: State) -> list[str]:

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis import robust
 from bench.diagnosis.catalogue import least_size, switches
 from bench.diagnosis.explaining import BEYOND, explain
-from bench.diagnosis.judging import freedom
+from bench.diagnosis.judging import freedom, loss_left
 from bench.diagnosis.probing import GROSS, WELL_SEEN, closer, fainter, looks_of, probes_at, seen_of, well_sized
 from bench.diagnosis.seen import best_seen
 
@@ -110,8 +109,7 @@ def _with_what_is_seen(
     """
     found = list(probes)
     falls = _expected(problem, fit, probes)[1]
-    loss = robust.loss(fit.whiten(fit.residual, problem.measured.points))
-    if max(falls, default=0.0) > _ENOUGH * (loss - freedom(fit)):
+    if max(falls, default=0.0) > _ENOUGH * (loss_left(problem, fit) - freedom(fit)):
         return found
     seen = best_seen(problem, fit, [one.effect for one in probes], seed)
     better = [i for i, (one, fall) in enumerate(zip(seen, falls, strict=True)) if one.fall > fall]

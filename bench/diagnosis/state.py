@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.judging import deviance, deviance_per_dof, excess, freedom
+from bench.diagnosis.judging import deviance, deviance_per_dof, excess, freedom, loss_left
 from bench.diagnosis.refit import needless
-from bench.diagnosis.robust import loss
 
 if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.refit import Found
     from bench.diagnosis.screen import Scores
 
-__all__ = ["State", "can_judge", "is_explained", "is_far_off", "loss_of", "may_be_added", "share", "share_of_loss"]
+__all__ = ["State", "can_judge", "is_explained", "is_far_off", "may_be_added", "share", "share_of_loss"]
 
 #: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
 _FAR_OFF: Final = 1.3
@@ -52,11 +51,6 @@ def is_far_off(problem: Problem, one: Fit) -> bool:
     return deviance_per_dof(problem, one) > _FAR_OFF
 
 
-def loss_of(problem: Problem, one: Fit) -> float:
-    """Return the loss of the residuals of a fit, in which large ones count by their size."""
-    return loss(one.whiten(one.residual, problem.measured.points))
-
-
 def share(problem: Problem, before: Fit, left: float) -> float:
     """Return the share of what was too much in the deviance that an effect took away.
 
@@ -65,8 +59,8 @@ def share(problem: Problem, before: Fit, left: float) -> float:
     left
         The deviance with the effect.
     """
-    n = freedom(before)
-    return (deviance(problem, before) - left) / max(deviance(problem, before) - n, math.sqrt(2.0 * n))
+    now, n = deviance(problem, before), freedom(before)
+    return (now - left) / max(now - n, math.sqrt(2.0 * n))
 
 
 def share_of_loss(problem: Problem, before: Fit, after: Fit) -> float:
@@ -75,7 +69,7 @@ def share_of_loss(problem: Problem, before: Fit, after: Fit) -> float:
     The deviance may be that of a few statistics, of which hardly anything was to be expected: an effect that lets a
     little more be expected of them takes most of it away, and they are as wrong as before.
     """
-    one, other, n = loss_of(problem, before), loss_of(problem, after), freedom(before)
+    one, other, n = loss_left(problem, before), loss_left(problem, after), freedom(before)
     return (one - other) / max(one - n, math.sqrt(2.0 * n))
 
 

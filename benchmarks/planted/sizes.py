@@ -7,8 +7,8 @@ differences from sensors that have nothing in common does not. So it is with the
 would take up less than they do, and what is but a later clock would count as size. What is still uncertain is told by
 how the two differences differ; an effect that does not stand out of it is made larger until it does, and the size
 found goes down by as much: small effects are straight lines, as far as what was seen of them lets them be. Some are
-bent from nothing on: of a short rise of the light the clock takes up all that is in proportion to it. So it is looked
-at once more, larger, and what grows faster falls faster.
+bent from nothing on: a jitter of time stamps adds its square to the spread of latencies. So it is looked at once
+more, larger, and what grows faster falls faster.
 """
 
 from __future__ import annotations

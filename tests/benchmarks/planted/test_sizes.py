@@ -54,7 +54,7 @@ def test_a_small_effect_is_a_straight_line(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_what_goes_with_the_square_falls_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a short rise of the light the clock takes up all that is in proportion to it."""
+    """A jitter of time stamps adds its square to the spread of latencies."""
     assert size_of(lambda factor: 0.5 * factor**2, monkeypatch) == pytest.approx(0.5, rel=0.01)
 
 
