@@ -26,6 +26,7 @@ from bench.diagnosis.result import Candidate, Outcome
 from bench.diagnosis.screen import score
 from bench.diagnosis.session import open_session
 from bench.diagnosis.settling import settled
+from bench.diagnosis.sharpening import asks_for_more
 from bench.diagnosis.shortlist import ALPHA, Shortlist
 from bench.diagnosis.sizing import probe
 from bench.diagnosis.state import State, can_judge, is_explained, is_far_off, may_be_added, share
@@ -291,6 +292,8 @@ class Diagnosis:
     def _look(self, fitted: Fit, added: str | None, fall: float) -> State:
         number = len(self._states)
         fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
+        if asks_for_more(self.problem, fitted):
+            self._say(f"step {number}: fitting with more pixels")
         fitted = self._session.sharpened(fitted, self._seed + 100 * number + 31)
         fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
         self._say(f"step {number}: looking for what is missing")

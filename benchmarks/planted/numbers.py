@@ -9,15 +9,15 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from benchmarks.planted.score import Score, Share, score, share
+from benchmarks.planted.sizes import ALIKE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 __all__ = ["Bin", "Claim", "Tried", "claims", "confusion", "coverage", "detection", "group_size", "tried"]
 
-#: Standard errors from which on an effect is to be found, and up to which two effects are alike.
+#: Standard errors from which on an effect is to be found.
 SEEN: Final = 5.0
-ALIKE: Final = 3.0
 NOTHING: Final = "(nothing)"
 UNEXPLAINED: Final = "(unexplained)"
 _EDGES: Final = (0.0, 1.5, 3.0, 5.0, 10.0, 30.0, 100.0, 1000.0, math.inf)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from benchmarks.planted import numbers
 from benchmarks.planted.cases import KINDS
 from benchmarks.planted.score import share
+from benchmarks.planted.sizes import ALIKE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -96,7 +97,7 @@ _METHOD: Final = (
     "",
     "**Outside** are effects that the diagnosis was not told of, and effects that no built-in one can express",
     "(`benchmarks/planted/strange_effects.py`). The nearest effect of the catalogue mimics one when less than",
-    f"{numbers.ALIKE:g} standard errors are left beside it.",
+    f"{ALIKE:g} standard errors are left beside it.",
 )
 
 

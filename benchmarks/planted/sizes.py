@@ -36,8 +36,10 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Sizes", "sizes_of"]
+__all__ = ["ALIKE", "Sizes", "sizes_of"]
 
+#: One effect mimics another where it leaves less than this of it, in standard errors.
+ALIKE: Final = 3.0
 #: Straight lines lead no farther than this, in ln units, or in what is known of the clock.
 _FARTHEST: Final = 4.0
 #: An effect whose fall stands out by fewer standard errors is made larger, by this factor, so many times in all.
@@ -76,7 +78,7 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
         apart = truth.apart(rest)
         base, prior = _base_changes(truth, rest)
         size[effect_id] = truth.bench.scale * _size(truth, rest, case.model.effect(effect_id), apart, base, prior)
-        if mimics:
+        if mimics and size[effect_id] >= ALIKE:  # of a smaller one no more than that can be left
             mimic = _mimic(truth, rest, effect_id, base, prior, apart)
     return Sizes(size, *mimic)
 
