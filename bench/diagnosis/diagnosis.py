@@ -29,8 +29,17 @@ from bench.diagnosis.settling import settled
 from bench.diagnosis.sharpening import asks_for_more
 from bench.diagnosis.shortlist import ALPHA, Shortlist
 from bench.diagnosis.sizing import probe
-from bench.diagnosis.state import State, can_judge, is_explained, is_far_off, may_be_added, share
+from bench.diagnosis.state import (
+    State,
+    can_judge,
+    is_explained,
+    is_far_off,
+    leaves_little,
+    may_be_added,
+    share,
+)
 from bench.diagnosis.ties import told_apart
+from bench.diagnosis.trends import clear_trends
 from bench.diagnosis.verdict import ties_of, verdict_of
 from bench.store import Run
 from protocols.errors import InputError
@@ -195,7 +204,7 @@ class Diagnosis:
         if self.findings:
             return self.outcome()
         self._go_on(most)
-        if not is_explained(self.problem, self._states[-1].fit):
+        if not is_explained(self.problem, self._states[-1]):
             self._try_others(most)
         return self.outcome()
 
@@ -217,7 +226,7 @@ class Diagnosis:
             missing=missing,
             ties=ties,
             next_measurement=self._next_measurement(last, ties),
-            remainder=remainder_of(self.problem, last) if last is not None and verdict == "unexplained" else (),
+            remainder=remainder_of(self.problem, states[-1]) if states and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
             shortened=self.shortened,
         )
@@ -255,7 +264,7 @@ class Diagnosis:
             self._states = [*self._states, self._look(other.fit, other.effect, fall)]
             self._drop()
             self._go_on(most)
-            if is_explained(self.problem, self._states[-1].fit):
+            if is_explained(self.problem, self._states[-1]):
                 return
         self._states = known
 
@@ -291,6 +300,7 @@ class Diagnosis:
 
     def _look(self, fitted: Fit, added: str | None, fall: float) -> State:
         number = len(self._states)
+        fitted = self._session.in_time(fitted, self._seed + 100 * number + 66)
         fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
         if asks_for_more(self.problem, fitted):
             self._say(f"step {number}: fitting with more pixels")
@@ -306,7 +316,9 @@ class Diagnosis:
             self._say(f"step {number}: with a detail more, looking again")
             fitted = settled(self.problem, detailed, self._seed + 100 * number + 81 + 3 * more)
             scores = self._probed(fitted, number)
-        return State(fitted, scores, added, fall)
+        little = leaves_little(self.problem, fitted)
+        trends = clear_trends(self.problem, fitted, self._seed + 100 * number + 91) if little else ()
+        return State(fitted, scores, added, fall, trends=trends)
 
     def _probed(self, fitted: Fit, number: int) -> Scores:
         """Return what each effect that is not in the model promises."""

@@ -39,6 +39,7 @@ __all__ = ["Forward", "Sensor", "Task", "engine_of"]
 #: same pixels it goes into these, not into what happens behind them.
 _TOGETHER: Final = 4
 
+_US_PER_S: Final = 1e6
 #: A window is not made smaller than this many pixels on a side.
 _FEWEST: Final = 4
 #: Noise in the memory of a high-pass is left out up to this corner, beside that of the source follower: to follow it
@@ -64,6 +65,7 @@ class Task:
     dt_s: float
     seed: int
     share: float = 1.0  #: of the pixels
+    late_us: int = 0  #: by which events come later than the pixels send them
     run: str = ""  #: tells the points of one run from those of another; empty: nothing is remembered
 
 
@@ -134,7 +136,8 @@ class _Taken:
         crossings = pixels.crossings(
             self.pixels(index), lambda: self._engine.crossings(chain, frame.light, point.duration_s, seed)
         )
-        return read_out(chain, seed, point.duration_s, crossings)
+        read = read_out(chain, seed, point.duration_s, crossings)
+        return _later(read, self._task.late_us, point.duration_s) if self._task.late_us else read
 
     def _chain(self, frame: Frame, index: int) -> Chain:
         point, model = frame.point, self._models[index]
@@ -142,6 +145,18 @@ class _Taken:
         if key not in self._chains:
             self._chains[key] = point_chain(point, model, self._seed)
         return self._chains[key]
+
+
+def _later(
+    batches: Iterable[npt.NDArray[np.void]], late_us: int, duration_s: float
+) -> Iterator[npt.NDArray[np.void]]:  # fmt: skip
+    """Yield events that come later, or earlier, as far as the recording goes."""
+    for events in batches:
+        moved = events.copy()
+        moved["t"] += late_us
+        inside = (moved["t"] >= 0) & (moved["t"] < round(_US_PER_S * duration_s))
+        if inside.any():
+            yield moved[inside]
 
 
 class _Pixels:
@@ -209,6 +224,7 @@ class Forward:
         self.dt_s = dt_s
         self._done = done
         self._run = uuid.uuid4().hex
+        self.late_us = 0  #: by which the events of the run come later than the stimulus says, as far as it is known
         self.simulated = 0  #: sensors so far
 
     @property
@@ -218,7 +234,16 @@ class Forward:
 
     def beside(self, points: Sequence[PointData]) -> Forward:
         """Return the same for other points, simulated by the same workers."""
-        return Forward(points, self._executor, self.dt_s, self._done)
+        other = Forward(points, self._executor, self.dt_s, self._done)
+        other.late_us = self.late_us
+        return other
+
+    def later(self, late_us: int) -> Forward:
+        """Return the same for a run whose events come so much later than the stimulus says, in all."""
+        other = Forward(self._points, self._executor, self.dt_s, self._done)
+        other._run = self._run
+        other.late_us = late_us
+        return other
 
     def run(
         self,
@@ -258,7 +283,7 @@ class Forward:
 
     def _task(self, models: Sequence[Sequence[PixelModel]], sensors: Sequence[int], seed: int, share: float) -> Task:
         each = tuple(tuple(one) for one in models)
-        return Task(self._points, each, tuple(sensors), self.dt_s, seed, share, self._run)
+        return Task(self._points, each, tuple(sensors), self.dt_s, seed, share, self.late_us, self._run)
 
 
 def _bundles(

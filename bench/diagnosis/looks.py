@@ -66,8 +66,12 @@ def expect_roughly(
 
 
 def shifted(problem: Problem, here: Expectation, slots: Sequence[Slot], x: Floats) -> Expectation:
-    """Return what is expected when the events come later by the time offset among the coordinates."""
+    """Return what is expected when the events come later by the time offset among the coordinates.
+
+    By as much of it as is known they were simulated later; the small rest is a straight line.
+    """
     late: float = sum(c for slot, c in zip(slots, x, strict=True) if slot.free.owner == ALIGNMENT)
+    late -= 1e-6 * problem.forward.late_us
     return replace(here, value=here.value + late * later(problem, here)) if late else here
 
 

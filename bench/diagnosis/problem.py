@@ -207,6 +207,10 @@ class Problem:
                 found[i] = seen
         return found
 
+    def whole_sensors(self, models: Sequence[PixelModel], seed: int, number: int) -> list[Sensor]:
+        """Return what simulated sensors of all pixels show, however long that takes."""
+        return self._simulated([models], [(number, 1.0)], seed)[0]
+
     def glance(self, models: Sequence[Sequence[PixelModel]], seed: int, effort: float) -> list[list[Sensor]]:
         """Return what one simulated sensor of each model shows, of as many pixels as the effort allows."""
         amounts = [self.thrift * min(max(effort / self.cost(m), _LEAST), 1.0) for m in models]

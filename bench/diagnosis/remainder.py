@@ -14,8 +14,8 @@ from bench.diagnosis.result import Remainder
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
+    from bench.diagnosis.state import State
     from bench.diagnosis.summary import Label
     from bench.store.data import PointData
 
@@ -41,12 +41,13 @@ _OF_STATISTICS: Final[dict[str, Callable[[Label], str]]] = {
 }
 
 
-def remainder_of(problem: Problem, one: Fit) -> tuple[Remainder, ...]:
+def remainder_of(problem: Problem, state: State) -> tuple[Remainder, ...]:
     """Return the groups of points, or of statistics, whose residuals are larger than chance, the clearest first.
 
-    The size is the rms of the residuals in standard errors.
+    The size is the rms of the residuals in standard errors; of a trend, that of its part in them.
     """
-    found = []
+    one = state.fit
+    found = [Remainder(t.axis, t.where, t.size, abs(t.z)) for t in state.trends]
     for axis, name in _OF_POINTS.items():
         squares: dict[str, list[float]] = {}
         for point, where, root in zip(problem.points, problem.measured.points, one.roots, strict=True):
@@ -59,7 +60,7 @@ def remainder_of(problem: Problem, one: Fit) -> tuple[Remainder, ...]:
         for i in np.flatnonzero(one.known):
             squares.setdefault(of(problem.measured.labels[i]), []).append(float(z[i] ** 2))
         found += [_group(axis, where, values) for where, values in squares.items()]
-    clear = [r for r in found if r.z > _CLEAR]
+    clear = [r for r in found if r.z > _CLEAR]  # trends are
     return tuple(sorted(clear, key=lambda r: -r.z)[:_SHOWN])
 
 

@@ -11,14 +11,15 @@ from bench.compute import Workforce
 from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import OF_ALL_PIXELS
 from bench.diagnosis.excerpt import ENOUGH_EVENTS, beginnings, middles, shortened_text
-from bench.diagnosis.fit import finish, fit
+from bench.diagnosis.fit import begin, finish
 from bench.diagnosis.forward import Forward
 from bench.diagnosis.in_phase import in_phase, tuned
 from bench.diagnosis.judging import deviance_per_dof
+from bench.diagnosis.parameters import ALIGNMENT
 from bench.diagnosis.phases import phases_of
 from bench.diagnosis.problem import Problem
 from bench.diagnosis.ripple import with_ripple
-from bench.diagnosis.sharpening import asks_for_more, sharpened
+from bench.diagnosis.sharpening import asks_for_more, from_here, sharpened
 from bench.diagnosis.time_grid import time_grid_us
 from bench.models.simulation import on_sensor
 from protocols.errors import InputError
@@ -28,7 +29,11 @@ from sim_backend.pixel.model import PixelModel
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    import numpy as np
+    import numpy.typing as npt
+
     from bench.diagnosis.fitted import Fit
+    from bench.diagnosis.problem import Slot
     from bench.store import Run
     from bench.store.data import PointData
 
@@ -40,6 +45,9 @@ _USUAL_GRID_US: Final = 10
 _BLUR: Final = 0.5
 #: Frequencies of a ripple are the same when they agree to this.
 _SAME_HZ: Final = 1e-3
+#: Events are simulated later or earlier where a fit says so by as much, us, and is not far off.
+_LATE_US: Final = 5
+_NEARBY: Final = 2.0
 #: A fit is made sharper so often at the most, until its error has not fallen by this share so often in a row.
 _SHARPENINGS: Final = 5
 _BETTER: Final = 0.02
@@ -76,7 +84,9 @@ class Session:
         """Return the model with its free numbers fitted; from then on a ripple has the phase of each recording."""
         slots = self.problem.slots_of(self.model)
         starts = self.problem.starts(self.model, by_eye=self.by_eye)
-        found = fit(self.problem, self.model, slots, starts, seed=seed)
+        near = begin(self.problem, self.model, slots, starts, seed=seed)
+        self.problem = _in_time(self.problem, near.slots, near.at)
+        found = finish(self.problem, near)
         given, has_it = self.problem.given.get(LightFlicker.id), self._has_the_ripple(self.model)
         if given is None or (self.model.effect(LightFlicker.id) is not None and not has_it):
             return found
@@ -89,6 +99,15 @@ class Session:
         # Until now it was any phase.
         again = approach(self.problem, self.model, slots, list(found.x), seed=seed + 8, prior=found.start)
         return self.in_phase(finish(self.problem, again), seed + 9)
+
+    def in_time(self, found: Fit, seed: int) -> Fit:
+        """Return a fit, or that of events which are simulated as late as it says, if they were not."""
+        problem = _in_time(self.problem, found.slots, found.x)
+        late_us = abs(problem.forward.late_us - self.problem.forward.late_us)
+        if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _NEARBY:
+            return found
+        self.problem = problem
+        return finish(problem, from_here(problem, found, seed))
 
     def in_phase(self, found: Fit, seed: int) -> Fit:
         """Return a fit, or a better one in which the ripple has the phases that the fitted model asks for."""
@@ -159,6 +178,15 @@ def open_session(
             runs, Problem.of(points, forward, blur_s), on_sensor(model or PixelModel(), sensor), model is None,
             shortened_text(taken, looked_at),
         )  # fmt: skip
+
+
+def _in_time(problem: Problem, slots: Sequence[Slot], at: npt.NDArray[np.float64]) -> Problem:
+    """Return the problem with events that are simulated as late as those of the run are.
+
+    What that does to latencies is no straight line where they are not much longer.
+    """
+    late_s = sum(float(x) for slot, x in zip(slots, at, strict=True) if slot.free.owner == ALIGNMENT)
+    return replace(problem, forward=problem.forward.later(round(1e6 * late_s)))
 
 
 def _points(runs: Sequence[Run]) -> list[PointData]:

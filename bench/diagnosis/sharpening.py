@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
 
-__all__ = ["asks_for_more", "sharpened"]
+__all__ = ["asks_for_more", "from_here", "sharpened"]
 
 #: A deviance that is larger by so many standard deviations than that of a true model, and not by such a factor, may
 #: be that of too little effort.
@@ -40,12 +40,16 @@ def asks_for_more(problem: Problem, found: Fit) -> bool:
 
 def sharpened(problem: Problem, found: Fit, seed: int) -> Fit:
     """Return the same model fitted on from where it is, with as many pixels as a base pixel."""
+    return finish(problem, from_here(problem, found, seed), precise=True)
+
+
+def from_here(problem: Problem, found: Fit, seed: int) -> Approach:
+    """Return where a fit is as a place to go on from."""
     first, second = (found.whiten(half, problem.measured.points) for half in found.jacobian)
     both = first.T @ second
     prior = float(np.sum(prior_precision(found.slots) * (found.x - found.start) ** 2))
-    near = Approach(
+    return Approach(
         model=found.model, slots=found.slots, at=found.x, start=found.start,
         loss=loss_left(problem, found) + prior, seed=seed,
         information=robust.positive(0.5 * (both + both.T)), reach=0.0, cloud=Cloud(),
     )  # fmt: skip
-    return finish(problem, near, precise=True)

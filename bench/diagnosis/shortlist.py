@@ -11,7 +11,7 @@ from bench.diagnosis.catalogue import RARE, TWINS, are_the_same
 from bench.diagnosis.judging import deviance, freedom, loss_left
 from bench.diagnosis.likeness import nearer
 from bench.diagnosis.refit import Found
-from bench.diagnosis.state import can_judge, is_explained, is_far_off, may_be_added, share
+from bench.diagnosis.state import can_judge, is_far_off, leaves_little, may_be_added, share
 from bench.diagnosis.ties import tied_with
 
 if TYPE_CHECKING:
@@ -164,7 +164,7 @@ class Shortlist:
         # Of effects that are the same to the data, the more usual one is proposed. While something else is missing,
         # what tells an effect from its twin may be that.
         good = {f.effect for f in found if f.deviance <= _AS_GOOD * best.deviance}
-        alike = tied if is_explained(self._problem, best.fit) else (*tied, TWINS.get(best.effect, best.effect))
+        alike = tied if leaves_little(self._problem, best.fit) else (*tied, TWINS.get(best.effect, best.effect))
         state.proposal = next((name for name in alike if name not in RARE and name in good), best.effect)
         state.tied = tuple(name for name in tied if name != state.proposal)
 

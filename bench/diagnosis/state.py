@@ -15,13 +15,23 @@ if TYPE_CHECKING:
     from bench.diagnosis.problem import Problem
     from bench.diagnosis.refit import Found
     from bench.diagnosis.screen import Scores
+    from bench.diagnosis.trends import Trend
 
-__all__ = ["State", "can_judge", "is_explained", "is_far_off", "may_be_added", "share", "share_of_loss"]
+__all__ = [
+    "State",
+    "can_judge",
+    "is_explained",
+    "is_far_off",
+    "leaves_little",
+    "may_be_added",
+    "share",
+    "share_of_loss",
+]
 
 #: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
 _FAR_OFF: Final = 1.3
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
-_EXPLAINED: Final = 5.0
+_EXPLAINED: Final = 3.5
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
 _LOOKS: Final = 2.0
 
@@ -38,12 +48,18 @@ class State:
     hopeless: frozenset[str] = frozenset()  #: effects that come nowhere near the best
     tied: tuple[str, ...] = ()
     proposal: str | None = None
+    trends: tuple[Trend, ...] = ()  #: that chance does not make, where the squares are no larger than chance makes
     chosen: bool = False  #: whether a proposal was looked for
 
 
-def is_explained(problem: Problem, one: Fit) -> bool:
-    """Return whether a model leaves no more than chance does."""
+def leaves_little(problem: Problem, one: Fit) -> bool:
+    """Return whether a model leaves no more than chance does in all squares together."""
     return excess(problem, one) <= _EXPLAINED
+
+
+def is_explained(problem: Problem, state: State) -> bool:
+    """Return whether a model leaves no more than chance does, and no trend."""
+    return leaves_little(problem, state.fit) and not state.trends
 
 
 def is_far_off(problem: Problem, one: Fit) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.judging import deviance_per_dof
 from bench.diagnosis.state import is_explained, share_of_loss
 
 if TYPE_CHECKING:
@@ -17,10 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ties_of", "verdict_of"]
 
-#: Where something is left that nothing explains, only effects that take away so much of it are named.
-_SURE: Final = 0.75
-#: Up to this deviance per degree of freedom not much is left.
-_NEARLY: Final = 1.5
+#: Where something is left that nothing explains, only effects that take away so much of what was too much are named.
+_SURE: Final = 0.8
 
 
 def verdict_of(problem: Problem, states: Sequence[State]) -> tuple[Verdict, tuple[str, ...]]:
@@ -28,15 +25,12 @@ def verdict_of(problem: Problem, states: Sequence[State]) -> tuple[Verdict, tupl
 
     Effects that leave much behind may only have mimicked what no catalogue knows.
     """
-    last = states[-1].fit
-    if is_explained(problem, last):
+    if is_explained(problem, states[-1]):
         named = tuple(s.added for s in states[1:] if s.added is not None)
         return ("explained" if named else "nothing_missing"), named
-    nearly = deviance_per_dof(problem, last) < _NEARLY
     sure = (
         after.added for before, after in pairwise(states)
-        if after.added is not None
-        and (nearly or min(after.fall, share_of_loss(problem, before.fit, after.fit)) > _SURE)
+        if after.added is not None and min(after.fall, share_of_loss(problem, before.fit, after.fit)) > _SURE
     )  # fmt: skip
     return "unexplained", tuple(sure)
 

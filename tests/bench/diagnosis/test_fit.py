@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bench.diagnosis.fit import fit
 from bench.diagnosis.judging import error_of, values_of
 from bench.diagnosis.session import open_session
 from protocols.errors import InputError
@@ -26,8 +25,8 @@ def test_the_numbers_of_the_base_pixel_are_approached(point: Callable[..., Any],
     points = [point(i, c, **window) for i, c in enumerate((0.15, 0.22, 0.26, 0.3, 0.35, 0.45, 0.6, 1.0))]
     points.append(point(len(points), 0.0, **window))
     with open_session([run_of(points, PIXEL, 3)]) as session:
+        found = session.fit(4)
         problem = session.problem
-        found = fit(problem, session.model, problem.base_slots(), problem.starts(session.model), seed=4)
         values = values_of(problem, found)
         error = error_of(problem, found)
     # Coarse, as the thresholds, the noise and the corner nearly make up for each other in so small a run.

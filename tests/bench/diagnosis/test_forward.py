@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.forward import Task, sensors_of
+from bench.diagnosis.forward import Task, _Pixels, _Taken, sensors_of
+from bench.diagnosis.recording import Frame
 from bench.diagnosis.views.registry import VIEWS
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, LightFlicker, ThresholdMismatch
@@ -71,3 +72,21 @@ def test_points_of_one_law_share_a_ripple_and_are_each_looked_at_beside_their_ow
     along, across = different
     assert of_both[1].top[along] == pytest.approx(of_both[0].top[across])
     assert of_both[1].top[across] == pytest.approx(-of_both[0].top[along])
+
+
+def test_events_come_late_as_a_whole(point: Callable[..., Any]) -> None:
+    """All but what falls out of the recording is there, so much later; so it is with what comes early."""
+    asked, model = point(0, 1.0), PIXEL + Leak(0.3)
+    task = Task((asked,), ((model,),), (0,), 2e-5, seed=1)
+    known = np.concatenate(list(_events(task)))
+    for late_us in (19, -19):
+        moved = np.concatenate(list(_events(replace(task, late_us=late_us))))
+        expected = known[(known["t"] + late_us >= 0) & (known["t"] + late_us < round(1e6 * asked.duration_s))]
+        assert np.array_equal(moved["t"], expected["t"] + late_us)
+        assert np.array_equal(moved["p"], expected["p"])
+    gone = round(1e6 * asked.duration_s)
+    assert not list(_events(replace(task, late_us=gone)))
+
+
+def _events(task: Task) -> list[Any]:
+    return list(_Taken(task, task.models[0], 0).events(Frame(task.points[0]), 0, _Pixels([None])))

@@ -30,7 +30,7 @@ def named(before: Any, after: Any) -> tuple[str, ...]:
     fits = [fitted(residual) for residual in (before, after)]
     fall = share(problem, fits[0], float(np.sum(after**2)))
     states: Any = [
-        SimpleNamespace(fit=fit, added=added, fall=f)
+        SimpleNamespace(fit=fit, added=added, fall=f, trends=())
         for fit, added, f in zip(fits, (None, "leak"), (0.0, fall), strict=True)
     ]
     verdict, missing = verdict_of(problem, states)
