@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Trend", "clear_trends"]
 
+#: Views of which the run itself says at which phase they are looked at: there it is positive by chance, too.
+_OWN_PHASE: Final = frozenset({"locked", "locked_across"})
 #: Chance that a true model has any clear trend.
 _ALPHA: Final = 0.01
 #: How trends scatter is known from so many whole sensors at the most, and at the least, in the time of so many runs
@@ -132,7 +134,7 @@ def _patterns(labels: Sequence[Label], known: npt.NDArray[np.bool_]) -> Iterator
     """Yield what is looked for in each view of each polarity."""
     families: dict[tuple[str, str], list[int]] = {}
     for i, label in enumerate(labels):
-        if known[i]:
+        if known[i] and label.view not in _OWN_PHASE:
             families.setdefault((label.view, label.part), []).append(i)
     for (view, part), members in families.items():
         name = view if part == "both" else f"{view} {part}"

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
+from bench.diagnosis.fit import moved
 from bench.diagnosis.judging import error_of, values_of
 from bench.diagnosis.session import open_session
 from protocols.errors import InputError
@@ -39,6 +43,32 @@ def test_the_numbers_of_the_base_pixel_are_approached(point: Callable[..., Any],
         assert values[key].value == pytest.approx(true, rel=0.04), key
     assert error.response_rmse < 0.02
     assert error.deviance_per_dof < 1.3
+
+
+@pytest.mark.slow
+def test_events_are_simulated_as_late_as_they_come(point: Callable[..., Any], run_of: Callable[..., Any]) -> None:
+    """Stamps a look of 20 us later than the stimulus says; the first answers come after some 100 us."""
+    quick = replace(PIXEL, corner_hz=400.0)
+    window = {"roi": Roi(40, 30, 16, 16), "periods": 40}
+    points = [point(i, c, **window) for i, c in enumerate((0.3, 0.4, 0.6, 0.8, 1.0, 1.2))]
+    run = run_of(points, quick, 3)
+    run = replace(run, taken=tuple(late(one, 20) for one in run.taken))
+    with open_session([run]) as session:
+        found = session.fit(4)
+        problem = session.problem
+        line = moved(replace(problem, forward=problem.forward.later(0)), found, found.x, seed=5)
+    value = values_of(problem, found)["alignment.time_offset_s"]
+    assert value.low <= 20e-6 <= value.high
+    assert problem.forward.late_us == pytest.approx(20, abs=3)
+    spreads = [i for i, label in enumerate(problem.measured.labels) if label.view == "latency_spread"]
+    assert abs(float(np.mean(found.z[spreads]))) < 3.0 / math.sqrt(len(spreads))
+    assert float(np.mean(line.z[spreads])) > 1.0  # a straight line makes them too narrow
+
+
+def late(taken: Any, late_us: int) -> Any:
+    stored = taken.stored.copy()
+    stored["t"] += late_us
+    return replace(taken, stored=stored)
 
 
 def test_runs_that_cannot_be_explained_together_are_refused(

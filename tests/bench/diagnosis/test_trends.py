@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-VIEWS = ("response", "latency", "latency_spread", "second_event", "background")
+VIEWS = ("response", "latency", "latency_spread", "second_event", "background", "locked")
 LIGHTS, CONTRASTS = (0.0, 1.0, 30.0, 100.0), (0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
 LABELS = tuple(
     Label(0, view, part, "mean", "", lux, contrast, 0.02, 0.0, 1.0, False, False)  # type: ignore[arg-type]
@@ -107,7 +107,7 @@ def test_what_is_frozen_in_the_pixels_makes_no_trend() -> None:
 
 
 def test_what_is_off_by_a_standard_error_everywhere_is_seen(chance: Floats) -> None:
-    """The 28 statistics together are off by 5.3 standard errors; a sum of 280 squares is larger by 1.1 only."""
+    """The 28 statistics together are off by 5.3 standard errors; a sum of 336 squares is larger by 1.6 only."""
     one = fitted(chance - 1.3 * of("latency", "off"))
     first = trends(one)[0]
     assert (first.axis, first.where) == ("view", "latency off")
@@ -134,6 +134,11 @@ def test_what_a_free_number_takes_up_is_no_trend(chance: Floats) -> None:
     off = of("latency", "off")
     assert trends(fitted(chance + 1.3 * off))
     assert not trends(fitted(chance + 1.3 * off, taken_up=off))
+
+
+def test_what_is_looked_at_where_the_run_says_is_no_trend(chance: Floats) -> None:
+    """At the phase that a run has by chance, something goes with any ripple."""
+    assert not trends(fitted(chance + 1.5 * of("locked", "on")))
 
 
 def test_points_that_were_simulated_as_one_have_chance_in_common(chance: Floats) -> None:
