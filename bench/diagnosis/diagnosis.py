@@ -315,6 +315,7 @@ class Diagnosis:
                 break
             self._say(f"step {number}: with a detail more, looking again")
             fitted = settled(self.problem, detailed, self._seed + 100 * number + 81 + 3 * more)
+            fitted = self._session.in_time(fitted, self._seed + 100 * number + 96 + more)
             scores = self._probed(fitted, number)
         little = leaves_little(self.problem, fitted)
         trends = clear_trends(self.problem, fitted, self._seed + 100 * number + 91) if little else ()

@@ -45,9 +45,10 @@ _USUAL_GRID_US: Final = 10
 _BLUR: Final = 0.5
 #: Frequencies of a ripple are the same when they agree to this.
 _SAME_HZ: Final = 1e-3
-#: Events are simulated later or earlier where a fit says so by as much, us, and is not far off.
+#: Events are simulated later or earlier where a fit says so by as much, us, and is not so far off that its offset
+#: stands in for something else.
 _LATE_US: Final = 5
-_NEARBY: Final = 2.0
+_FAR_OFF: Final = 1.5
 #: A fit is made sharper so often at the most, until its error has not fallen by this share so often in a row.
 _SHARPENINGS: Final = 5
 _BETTER: Final = 0.02
@@ -84,9 +85,8 @@ class Session:
         """Return the model with its free numbers fitted; from then on a ripple has the phase of each recording."""
         slots = self.problem.slots_of(self.model)
         starts = self.problem.starts(self.model, by_eye=self.by_eye)
-        near = begin(self.problem, self.model, slots, starts, seed=seed)
-        self.problem = _in_time(self.problem, near.slots, near.at)
-        found = finish(self.problem, near)
+        found = finish(self.problem, begin(self.problem, self.model, slots, starts, seed=seed))
+        found = self.in_time(found, seed + 6)
         given, has_it = self.problem.given.get(LightFlicker.id), self._has_the_ripple(self.model)
         if given is None or (self.model.effect(LightFlicker.id) is not None and not has_it):
             return found
@@ -101,13 +101,16 @@ class Session:
         return self.in_phase(finish(self.problem, again), seed + 9)
 
     def in_time(self, found: Fit, seed: int) -> Fit:
-        """Return a fit, or that of events which are simulated as late as it says, if they were not."""
+        """Return a fit, or a better one of events which are simulated as late as it says, if they were not."""
         problem = _in_time(self.problem, found.slots, found.x)
         late_us = abs(problem.forward.late_us - self.problem.forward.late_us)
-        if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _NEARBY:
+        if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _FAR_OFF:
+            return found
+        again = finish(problem, from_here(problem, found, seed))
+        if deviance_per_dof(problem, again) >= deviance_per_dof(self.problem, found):
             return found
         self.problem = problem
-        return finish(problem, from_here(problem, found, seed))
+        return again
 
     def in_phase(self, found: Fit, seed: int) -> Fit:
         """Return a fit, or a better one in which the ripple has the phases that the fitted model asks for."""

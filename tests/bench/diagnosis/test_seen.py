@@ -25,6 +25,7 @@ class Bench:
 
     measured = SimpleNamespace(value=np.full(N, 30.0), points=(slice(0, N),))
     given: Any = MappingProxyType({})
+    forward = SimpleNamespace(late_us=0)
 
     def models(self, model: PixelModel, slots: Any, x: Any) -> list[PixelModel]:
         return [model]
