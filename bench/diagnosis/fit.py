@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["begin", "finish", "moved"]
+__all__ = ["finish", "fit", "moved"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -68,12 +68,12 @@ _HOPELESS: Final = 3.0
 _ATTEMPTS: Final = 2
 
 
-def begin(
+def fit(
     problem: Problem, model: PixelModel, slots: Sequence[Slot], starts: Sequence[Sequence[float]], *, seed: int
-) -> Approach:  # fmt: skip
-    """Go near to the minimum, from the best of some coordinates on; see :func:`approach`."""
+) -> Fit:
+    """Return the model with its numbers fitted, from the best of some coordinates on; see :func:`approach`."""
     x = best_of(problem, model, slots, starts, seed=seed, wrong=_ANYWHERE)
-    return approach(problem, model, slots, x, seed=seed, wrong=_ANYWHERE)
+    return finish(problem, approach(problem, model, slots, x, seed=seed, wrong=_ANYWHERE))
 
 
 def finish(problem: Problem, near: Approach, *, precise: bool = False) -> Fit:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import uuid
 from collections import Counter
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -240,8 +241,7 @@ class Forward:
 
     def later(self, late_us: int) -> Forward:
         """Return the same for a run whose events come so much later than the stimulus says, in all."""
-        other = Forward(self._points, self._executor, self.dt_s, self._done)
-        other._run = self._run
+        other = copy(self)
         other.late_us = late_us
         return other
 

@@ -11,7 +11,7 @@ from bench.compute import Workforce
 from bench.diagnosis.approach import approach
 from bench.diagnosis.catalogue import OF_ALL_PIXELS
 from bench.diagnosis.excerpt import ENOUGH_EVENTS, beginnings, middles, shortened_text
-from bench.diagnosis.fit import begin, finish
+from bench.diagnosis.fit import finish, fit
 from bench.diagnosis.forward import Forward
 from bench.diagnosis.in_phase import in_phase, tuned
 from bench.diagnosis.judging import deviance_per_dof
@@ -86,7 +86,7 @@ class Session:
         """Return the model with its free numbers fitted; from then on a ripple has the phase of each recording."""
         slots = self.problem.slots_of(self.model)
         starts = self.problem.starts(self.model, by_eye=self.by_eye)
-        found = finish(self.problem, begin(self.problem, self.model, slots, starts, seed=seed))
+        found = fit(self.problem, self.model, slots, starts, seed=seed)
         found = self.in_time(found, seed + 6)
         given, has_it = self.problem.given.get(LightFlicker.id), self._has_the_ripple(self.model)
         if given is None or (self.model.effect(LightFlicker.id) is not None and not has_it):
