@@ -17,18 +17,16 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
-from bench.diagnosis.catalogue import free_of, switches
-from bench.diagnosis.parameters import base_parameters, get, move, put
-from benchmarks.planted.falls import beside, fall, taken_up, uncertainty
+from bench.diagnosis.catalogue import switches
+from benchmarks.planted.falls import fall, uncertainty
+from benchmarks.planted.following import Place, changes_by, least_left
 from benchmarks.planted.mimics import nearest
-from benchmarks.planted.truth import TIMING_US, Truth
+from benchmarks.planted.truth import Truth
 
 if TYPE_CHECKING:
+    import numpy as np
     import numpy.typing as npt
 
-    from bench.diagnosis.parameters import Free
     from benchmarks.planted.cases import Case
     from benchmarks.planted.falls import Pair
     from sim_backend.pixel import PixelModel
@@ -40,8 +38,6 @@ __all__ = ["ALIKE", "Sizes", "sizes_of"]
 
 #: One effect mimics another where it leaves less than this of it, in standard errors.
 ALIKE: Final = 3.0
-#: Straight lines lead no farther than this, in ln units, or in what is known of the clock.
-_FARTHEST: Final = 4.0
 #: An effect whose fall stands out by fewer standard errors is made larger, by this factor, so many times in all.
 _CLEARLY: Final = 6.0
 _LARGER, _LARGEST = 4.0, 256.0
@@ -76,7 +72,7 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
     for effect_id in case.planted:
         rest = case.model.without(effect_id)
         apart = truth.apart(rest)
-        base, prior = _base_changes(truth, rest)
+        base, prior = changes_by(truth, rest)
         size[effect_id] = truth.bench.scale * _size(truth, rest, case.model.effect(effect_id), apart, base, prior)
         if mimics and size[effect_id] >= ALIKE:  # of a smaller one no more than that can be left
             mimic = _mimic(truth, rest, effect_id, base, prior, apart)
@@ -88,8 +84,7 @@ def _mimic(
 ) -> tuple[str, float]:  # fmt: skip
     """Return the effect of the catalogue that comes nearest, and the size that is left when all numbers follow."""
     name, model, left = nearest(truth, rest, planted, base, prior, apart)
-    left = min(left, _left(truth, model, None, truth.apart(model), *_base_changes(truth, model))[0])
-    return name, truth.bench.scale * _root(left)
+    return name, truth.bench.scale * _root(min(left, least_left(truth, model)))
 
 
 def _size(
@@ -141,18 +136,11 @@ def _left(
     """
     if not base[0].shape[1]:
         return fall(apart, base, prior), uncertainty(*apart)
-    moved = np.clip(taken_up(apart, base, prior), -_FARTHEST, _FARTHEST)
-    late_us = round(TIMING_US * moved[-1])
-    moved[-1] = late_us / TIMING_US
-    numbers = _numbers(rest)
-    places = [
-        min(max(free.coordinate(get(rest, free)) + by, free.range[0]), free.range[1])
-        for free, by in zip(numbers, moved[:-1], strict=True)
-    ]
-    closer = truth.apart(put(rest, numbers, places), other, late_us)
-    if closer[0] @ closer[1] + prior @ moved**2 > apart[0] @ apart[1]:
+    place = Place.of(rest).follow(apart, base, prior)
+    closer = truth.apart(place.model, other, place.late_us)
+    if place.left(closer, prior) > apart[0] @ apart[1]:
         return fall(apart, base, prior), uncertainty(*apart)
-    return fall(closer, base, prior, moved), uncertainty(*closer)
+    return fall(closer, base, prior, place.moved), uncertainty(*closer)
 
 
 def _larger(effect: Effect, factor: float) -> Effect | None:
@@ -164,25 +152,6 @@ def _larger(effect: Effect, factor: float) -> Effect | None:
             return None
         values[free.field] = free.value(at)
     return replace(effect, **values) if values else None  # type: ignore[type-var]
-
-
-def _numbers(model: PixelModel) -> list[Free]:
-    """Return the numbers of a model that are free; those of its other effects take up what they can, too."""
-    effects = [free for effect in model.effects for free in free_of(type(effect))]
-    return [*base_parameters(refractory_known=True), *effects]
-
-
-def _base_changes(truth: Truth, model: PixelModel) -> tuple[Pair, Floats]:
-    """Return the changes by the numbers of a model and the clock, and how well these are known before."""
-    moved, steps, prior = [], [], []
-    for free in _numbers(model):
-        at = free.coordinate(get(model, free))
-        to = move(free, at)
-        moved.append(put(model, [free], [to]))
-        steps.append(to - at)
-        prior.append(0.0 if math.isinf(free.prior_sd) else free.prior_sd**-2)
-    changes = beside(truth.changes(model, moved, steps), truth.delayed(model))
-    return changes, np.array([*prior, 1.0])
 
 
 def _root(square: float) -> float:

@@ -1,0 +1,109 @@
+"""The free numbers of a model follow what a truth shows: straight lines lead near to where they leave least of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.catalogue import free_of
+from bench.diagnosis.parameters import base_parameters, get, move, put
+from benchmarks.planted.falls import beside, fall, taken_up, uncertainty
+from benchmarks.planted.truth import TIMING_US
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from bench.diagnosis.parameters import Free
+    from benchmarks.planted.falls import Pair
+    from benchmarks.planted.truth import Truth
+    from sim_backend.pixel import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Place", "changes_by", "least_left"]
+
+#: Straight lines lead no farther than this, in ln units, or in what is known of the clock.
+_FARTHEST: Final = 4.0
+#: Steps at the most, as long as straight lines promise to leave less by a share of what is left; of a way that leads
+#: too far, shares.
+_STEPS: Final = 6
+_WORTH_IT: Final = 0.05
+_SHARES: Final = (1.0, 0.5, 0.25)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A model whose numbers, and clock, have gone some way from where they were known to be."""
+
+    model: PixelModel
+    moved: Floats  #: (k,) by how much each has gone: coordinates, and the clock in units of what is known of it
+
+    @classmethod
+    def of(cls, model: PixelModel) -> Place:
+        """Return the place of a model whose numbers have not gone anywhere."""
+        return cls(model, np.zeros(len(_numbers(model)) + 1))
+
+    @property
+    def late_us(self) -> int:
+        """By how much the events come late."""
+        return round(TIMING_US * float(self.moved[-1]))
+
+    def left(self, apart: Pair, prior: Floats) -> float:
+        """Return what is left of a difference here, and of what is known of the numbers."""
+        return float(apart[0] @ apart[1] + prior @ self.moved**2)
+
+    def follow(self, apart: Pair, changes: Pair, prior: Floats, share: float = 1.0) -> Place:
+        """Return where straight lines say that the numbers take up most, or the place a share of the way there."""
+        by = share * np.clip(taken_up(apart, changes, prior, self.moved), -_FARTHEST, _FARTHEST)
+        moved = self.moved + by
+        moved[-1] = round(TIMING_US * moved[-1]) / TIMING_US
+        numbers = _numbers(self.model)
+        places = [
+            min(max(free.coordinate(get(self.model, free)) + step, free.range[0]), free.range[1])
+            for free, step in zip(numbers, by[:-1], strict=True)
+        ]
+        return replace(self, model=put(self.model, numbers, places), moved=moved)
+
+
+def changes_by(truth: Truth, model: PixelModel) -> tuple[Pair, Floats]:
+    """Return the changes by the numbers of a model and the clock, and how well these are known before."""
+    moved, steps, prior = [], [], []
+    for free in _numbers(model):
+        at = free.coordinate(get(model, free))
+        to = move(free, at)
+        moved.append(put(model, [free], [to]))
+        steps.append(to - at)
+        prior.append(0.0 if math.isinf(free.prior_sd) else free.prior_sd**-2)
+    changes = beside(truth.changes(model, moved, steps), truth.delayed(model))
+    return changes, np.array([*prior, 1.0])
+
+
+def least_left(truth: Truth, model: PixelModel) -> float:
+    """Return what of the truth is left when all numbers of a model have followed it, from place to place.
+
+    What straight lines promise counts where that is next to nothing, or chance; of more, only what was found there.
+    """
+    place, apart = Place.of(model), truth.apart(model)
+    for _ in range(_STEPS):
+        changes, prior = changes_by(truth, place.model)
+        here, promised = place.left(apart, prior), fall(apart, changes, prior, place.moved)
+        if here - promised < max(_WORTH_IT * here, uncertainty(*apart)):
+            return promised
+        for share in _SHARES:
+            further = place.follow(apart, changes, prior, share)
+            there = truth.apart(further.model, None, further.late_us)
+            if further.left(there, prior) < here:
+                break
+        else:
+            return here
+        place, apart = further, there
+    return place.left(apart, prior)
+
+
+def _numbers(model: PixelModel) -> list[Free]:
+    """Return the numbers of a model that are free; those of its other effects take up what they can, too."""
+    effects = [free for effect in model.effects for free in free_of(type(effect))]
+    return [*base_parameters(refractory_known=True), *effects]
