@@ -10,8 +10,9 @@ import numpy as np
 
 from bench.diagnosis.catalogue import is_of_few, least_share, switches
 from bench.diagnosis.fit import finish
-from bench.diagnosis.judging import deviance_beside
+from bench.diagnosis.judging import deviance_beside, loss_left
 from bench.diagnosis.race import Raced, entrant, near_by, race
+from bench.diagnosis.sharpening import is_costly, sharpened
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,6 +28,13 @@ __all__ = ["Found", "Refitted", "needless", "refitted"]
 #: what else is missing is so up to the size that a search among all effects takes for more than chance.
 _NEEDED: Final = 2.0
 _STILL_NEEDED: Final = 3.3
+#: A fit is made sharper where the loss has fallen by less than this share of what was promised, if that is more than
+#: chance promises, and the loss is no larger than so many times what it was.
+_SHORT: Final = 0.5
+_PROMISE: Final = 20.0
+_NEARBY: Final = 2.0
+#: The seed of that, after that of the fit.
+_AGAIN: Final = 7
 
 
 @dataclass(frozen=True)
@@ -68,11 +76,24 @@ def refitted(
         raced = [Raced(near_by(problem, one), hopeless=False) for one in entrants]
     names = [scores.probes[i].effect.id for i in candidates]
     found = []
-    for name, one in zip(names, raced, strict=True):
+    for i, name, one in zip(candidates, names, raced, strict=True):
         if one.way is not None:
-            fitted = finish(problem, one.way)
+            fitted = _kept(problem, here, finish(problem, one.way), float(scores.drop[i]), seed + _AGAIN)
             found.append(Found(name, fitted, deviance_beside(problem, fitted, here)))
     return Refitted(tuple(found), frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless))
+
+
+def _kept(problem: Problem, here: Fit, fitted: Fit, promised: float, seed: int) -> Fit:
+    """Return a fit, or a sharper one where it does not keep what straight lines promised of it.
+
+    Of what takes long so little is simulated that chance may hide all of a fall.
+    """
+    before, after = loss_left(problem, here), loss_left(problem, fitted)
+    short = promised > _PROMISE and before - after < _SHORT * promised and after < _NEARBY * before
+    if not short or not is_costly(problem, fitted):
+        return fitted
+    again = sharpened(problem, fitted, seed)
+    return min(fitted, again, key=lambda one: deviance_beside(problem, one, here))
 
 
 def _raced(problem: Problem, entrants: Sequence[Approach], most: int | None, leave: float) -> list[Raced]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
     from bench.diagnosis.problem import Problem
 
-__all__ = ["asks_for_more", "from_here", "sharpened"]
+__all__ = ["asks_for_more", "from_here", "is_costly", "sharpened"]
 
 #: A deviance that is larger by so many standard deviations than that of a true model, and not by such a factor, may
 #: be that of too little effort.
@@ -35,6 +35,11 @@ def asks_for_more(problem: Problem, found: Fit) -> bool:
     """Return whether a fit leaves more than chance does, and little was simulated of it."""
     if excess(problem, found) < _MORE_THAN_CHANCE or deviance_per_dof(problem, found) > _NEARBY:
         return False
+    return is_costly(problem, found)
+
+
+def is_costly(problem: Problem, found: Fit) -> bool:
+    """Return whether little was simulated of a fit, since its model takes long."""
     return problem.cost(problem.models(found.model, found.slots, found.x)) > _CHEAP
 
 
