@@ -17,7 +17,7 @@ from bench.diagnosis.catalogue import details_of
 from bench.diagnosis.explaining import explain
 from bench.diagnosis.fit import finish
 from bench.diagnosis.fitted import whiten
-from bench.diagnosis.judging import deviance_per_dof, excess
+from bench.diagnosis.judging import deviance_per_dof, leaves_more_than_chance
 from bench.diagnosis.looks import shifted
 from bench.diagnosis.parameters import put
 from bench.diagnosis.problem import Slot
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
 __all__ = ["with_a_detail"]
 
-#: A deviance that is larger by so many standard deviations than that of a true model asks for details.
-_MORE_THAN_CHANCE: Final = 2.0
 #: Effort of a look at a value; the loss is to fall by so much, and the deviance of the fit by this share.
 _EFFORT: Final = 1.0
 _LEAST_FALL: Final = 30.0
@@ -55,7 +53,7 @@ def with_a_detail(problem: Problem, found: Fit, seed: int, beat: float = 0.0) ->
     beat
         Fall of the loss that an effect more promises: a detail that promises less may only stand in for it.
     """
-    if excess(problem, found) < _MORE_THAN_CHANCE:
+    if not leaves_more_than_chance(problem, found):
         return found
     best = _most_promising(problem, found, seed, max(beat, _LEAST_FALL))
     if best is None:

@@ -27,6 +27,7 @@ __all__ = [
     "excess",
     "freedom",
     "heldout",
+    "leaves_more_than_chance",
     "loss_left",
     "more_than_chance",
     "step_of",
@@ -40,6 +41,8 @@ _WORST: Final = 5
 _NINETY: Final = 1.6449
 #: The variance of a sum of squares is this much more than that of normal numbers: few events, correlated views.
 _HEAVY: Final = 1.25
+#: A deviance that is larger by so many standard deviations than that of a true model asks for another look.
+_IN_DOUBT: Final = 2.0
 
 
 def deviance(problem: Problem, one: Fit, scale: float | None = None) -> float:
@@ -77,6 +80,11 @@ def deviance_per_dof(problem: Problem, one: Fit) -> float:
 def excess(problem: Problem, one: Fit) -> float:
     """Return by how many standard deviations the deviance is larger than that of a true model."""
     return more_than_chance(deviance(problem, one), freedom(one))
+
+
+def leaves_more_than_chance(problem: Problem, one: Fit) -> bool:
+    """Return whether the deviance may be that of a fit which is not at its minimum, or lacks a detail."""
+    return excess(problem, one) >= _IN_DOUBT
 
 
 def more_than_chance(squares: float, n: int) -> float:

@@ -15,7 +15,7 @@ from bench.diagnosis.approach import approach, known_beforehand
 from bench.diagnosis.catalogue import details_of, switches
 from bench.diagnosis.fit import finish
 from bench.diagnosis.fitted import prior_precision, solve
-from bench.diagnosis.judging import deviance_per_dof, excess
+from bench.diagnosis.judging import deviance_per_dof, leaves_more_than_chance
 from bench.diagnosis.steps import inside
 
 if TYPE_CHECKING:
@@ -31,9 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = ["settled", "unknown_shapes"]
 
-#: A deviance that is larger by so many standard deviations than that of a true model, and not by such a factor, may
-#: be that of a fit in a valley; with a shape that is not known, valleys are deeper.
-_MORE_THAN_CHANCE: Final = 2.0
+#: A deviance that is larger than that of a true model, and not by more than this factor, may be that of a fit in a
+#: valley; with a shape that is not known, valleys are deeper.
 _VALLEY: Final = 2.0
 _DEEP_VALLEY: Final = 5.0
 #: Another place is better when the deviance falls by this share.
@@ -56,7 +55,7 @@ def settled(problem: Problem, found: Fit, seed: int) -> Fit:
     most = _DEEP_VALLEY if shapes else _VALLEY
     places = [np.where(known_beforehand(found.slots), found.start, found.x)]
     for number in range(_ROUNDS):
-        if deviance_per_dof(problem, found) > most or excess(problem, found) < _MORE_THAN_CHANCE:
+        if deviance_per_dof(problem, found) > most or not leaves_more_than_chance(problem, found):
             return found
         places += _other_shapes(problem, found, shapes)
         tried = [_from(problem, found, to, seed + 10 * number + i) for i, to in enumerate(places)]

@@ -15,7 +15,7 @@ from bench.diagnosis.approach import Approach
 from bench.diagnosis.cloud import Cloud
 from bench.diagnosis.fit import finish
 from bench.diagnosis.fitted import prior_precision
-from bench.diagnosis.judging import deviance_per_dof, excess, loss_left
+from bench.diagnosis.judging import deviance_per_dof, leaves_more_than_chance, loss_left
 
 if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["asks_for_more", "from_here", "is_costly", "sharpened"]
 
-#: A deviance that is larger by so many standard deviations than that of a true model, and not by such a factor, may
-#: be that of too little effort.
-_MORE_THAN_CHANCE: Final = 2.0
+#: A deviance that is larger than that of a true model by more than this factor is not that of too little effort.
 _NEARBY: Final = 2.0
 #: Models that take no longer than this, beside a base pixel, had as much of it already.
 _CHEAP: Final = 1.5
@@ -33,7 +31,7 @@ _CHEAP: Final = 1.5
 
 def asks_for_more(problem: Problem, found: Fit) -> bool:
     """Return whether a fit leaves more than chance does, and little was simulated of it."""
-    if excess(problem, found) < _MORE_THAN_CHANCE or deviance_per_dof(problem, found) > _NEARBY:
+    if not leaves_more_than_chance(problem, found) or deviance_per_dof(problem, found) > _NEARBY:
         return False
     return is_costly(problem, found)
 

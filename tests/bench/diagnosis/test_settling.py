@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bench.diagnosis import settling
+from bench.diagnosis.judging import more_than_chance
 from bench.diagnosis.parameters import Free
 from bench.diagnosis.problem import Slot
 from sim_backend.pixel import PixelModel
@@ -52,13 +53,13 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Any], float]], 
             tried.append(place)
             return Place(place)
 
-        def excess(_: Any, one: Any) -> float:
-            return (deviance(one.x) - FREEDOM) / math.sqrt(2.5 * FREEDOM)
+        def leaves_more_than_chance(_: Any, one: Any) -> bool:
+            return more_than_chance(deviance(one.x), FREEDOM) >= 2.0
 
         monkeypatch.setattr(settling, "approach", lambda _, __, ___, x, **____: np.array(x))
         monkeypatch.setattr(settling, "finish", finish)
         monkeypatch.setattr(settling, "deviance_per_dof", lambda _, one: deviance(one.x) / FREEDOM)
-        monkeypatch.setattr(settling, "excess", excess)
+        monkeypatch.setattr(settling, "leaves_more_than_chance", leaves_more_than_chance)
         return tried
 
     return by_hand

@@ -31,7 +31,7 @@ def errors(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     left: list[float] = []
     monkeypatch.setattr(session, "deviance_per_dof", lambda _, fit: fit.error)
     monkeypatch.setattr(sharpening, "deviance_per_dof", lambda _, fit: fit.error)
-    monkeypatch.setattr(sharpening, "excess", lambda _, fit: (fit.error - 1.0) / 0.05)
+    monkeypatch.setattr(sharpening, "leaves_more_than_chance", lambda _, fit: fit.error >= 1.1)
     monkeypatch.setattr(session, "sharpened", lambda *_: fit_of(left.pop(0)))
     return left
 
