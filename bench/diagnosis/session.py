@@ -116,9 +116,11 @@ class Session:
 
     def in_phase(self, found: Fit, seed: int) -> Fit:
         """Return a fit, or a better one in which the ripple has the phases that the fitted model asks for."""
-        if self._has_the_ripple(found.model):
-            self.problem, found = in_phase(self.problem, found, seed)
-        return found
+        if not self._has_the_ripple(found.model):
+            return found
+        self.problem, turned = in_phase(self.problem, found, seed)
+        # At other phases the fit may have been too far off for its time offset to be believed.
+        return found if turned is found else self.in_time(turned, seed + 4)
 
     def sharpened(self, found: Fit, seed: int) -> Fit:
         """Return a fit, or a better one where more is left than chance leaves, and little was simulated of it."""
@@ -191,7 +193,12 @@ def _in_time(problem: Problem, slots: Sequence[Slot], at: npt.NDArray[np.float64
     What that does to latencies is no straight line where they are not much longer.
     """
     late_s = sum(float(x) for slot, x in zip(slots, at, strict=True) if slot.free.owner == ALIGNMENT)
-    return replace(problem, forward=problem.forward.later(round(1e6 * late_s)))
+    forward = problem.forward.later(round(1e6 * late_s))
+    # Phases are those at which events go with the ripple as they do in the run: they turn with the events.
+    hz = problem.given.get(LightFlicker.id, {}).get("frequency_hz", 0.0)
+    turn = 2.0 * math.pi * hz * 1e-6 * (forward.late_us - problem.forward.late_us)
+    phases = tuple(None if phase is None else (phase + turn) % (2.0 * math.pi) for phase in problem.phases)
+    return replace(problem, forward=forward, phases=phases)
 
 
 def _points(runs: Sequence[Run]) -> list[PointData]:
