@@ -200,6 +200,7 @@ def test_phases_and_numbers_are_followed_and_fitted_once(
         monkeypatch.setattr(in_phase_module, name, getattr(turns, name))
     monkeypatch.setattr(in_phase_module, "approach", lambda _, model, *__, **___: replace(found, model=model))
     monkeypatch.setattr(in_phase_module, "deviance_per_dof", turns.error)
+    monkeypatch.setattr(session_module.Session, "in_time", lambda _, found, __: found)
     session = object.__new__(session_module.Session)
     session.problem = Phases((3.0,), {LightFlicker.id: {"frequency_hz": 61.7}})  # type: ignore[assignment]
     found: Any = Found(PIXEL + RIPPLE)
