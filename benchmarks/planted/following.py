@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -61,11 +61,8 @@ class Place:
         moved = self.moved + by
         moved[-1] = round(TIMING_US * moved[-1]) / TIMING_US
         numbers = _numbers(self.model)
-        places = [
-            min(max(free.coordinate(get(self.model, free)) + step, free.range[0]), free.range[1])
-            for free, step in zip(numbers, by[:-1], strict=True)
-        ]
-        return replace(self, model=put(self.model, numbers, places), moved=moved)
+        places = [free.coordinate(get(self.model, free)) + step for free, step in zip(numbers, by[:-1], strict=True)]
+        return Place(put(self.model, numbers, places), moved)  # within the bounds of each number
 
 
 def changes_by(truth: Truth, model: PixelModel) -> tuple[Pair, Floats]:
