@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Place", "changes_by", "least_left"]
+__all__ = ["Least", "Place", "changes_by", "least_left"]
 
 #: Straight lines lead no farther than this, in ln units, or in what is known of the clock.
 _FARTHEST: Final = 4.0
@@ -65,6 +65,15 @@ class Place:
         return Place(put(self.model, numbers, places), moved)  # within the bounds of each number
 
 
+@dataclass(frozen=True, slots=True)
+class Least:
+    """The place that leaves least of a truth."""
+
+    place: Place
+    left: float  #: fall of the deviance
+    doubt: float  #: its standard error
+
+
 def changes_by(truth: Truth, model: PixelModel) -> tuple[Pair, Floats]:
     """Return the changes by the numbers of a model and the clock, and how well these are known before."""
     moved, steps, prior = [], [], []
@@ -78,26 +87,26 @@ def changes_by(truth: Truth, model: PixelModel) -> tuple[Pair, Floats]:
     return changes, np.array([*prior, 1.0])
 
 
-def least_left(truth: Truth, model: PixelModel) -> float:
+def least_left(truth: Truth, place: Place) -> Least:
     """Return what of the truth is left when all numbers of a model have followed it, from place to place.
 
     What straight lines promise counts where that is next to nothing, or chance; of more, only what was found there.
     """
-    place, apart = Place.of(model), truth.apart(model)
+    apart = truth.apart(place.model, None, place.late_us)
     for _ in range(_STEPS):
         changes, prior = changes_by(truth, place.model)
         here, promised = place.left(apart, prior), fall(apart, changes, prior, place.moved)
         if here - promised < max(_WORTH_IT * here, uncertainty(*apart)):
-            return promised
+            return Least(place, promised, uncertainty(*apart))
         for share in _SHARES:
             further = place.follow(apart, changes, prior, share)
             there = truth.apart(further.model, None, further.late_us)
             if further.left(there, prior) < here:
                 break
         else:
-            return here
+            break
         place, apart = further, there
-    return place.left(apart, prior)
+    return Least(place, place.left(apart, prior), uncertainty(*apart))
 
 
 def _numbers(model: PixelModel) -> list[Free]:

@@ -45,6 +45,8 @@ _LARGER, _LARGEST = 4.0, 256.0
 _STEEPEST: Final = 2.0
 #: Of two sizes the one of the smaller effect holds where they are more standard errors apart.
 _BELIEVED: Final = 3.0
+#: Sensors in each set where it is close whether one effect is alike another.
+_MANY_SENSORS: Final = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,16 +77,28 @@ def sizes_of(case: Case, *, mimics: bool = False) -> Sizes:
         base, prior = changes_by(truth, rest)
         size[effect_id] = truth.bench.scale * _size(truth, rest, case.model.effect(effect_id), apart, base, prior)
         if mimics and size[effect_id] >= ALIKE:  # of a smaller one no more than that can be left
-            mimic = _mimic(truth, rest, effect_id, base, prior, apart)
+            mimic = _mimic(case, truth, rest, effect_id, base, prior, apart)
     return Sizes(size, *mimic)
 
 
 def _mimic(
-    truth: Truth, rest: PixelModel, planted: str, base: Pair, prior: Floats, apart: Pair
-) -> tuple[str, float]:  # fmt: skip
-    """Return the effect of the catalogue that comes nearest, and the size that is left when all numbers follow."""
-    name, model, left = nearest(truth, rest, planted, base, prior, apart)
-    return name, truth.bench.scale * _root(min(left, least_left(truth, model)))
+    case: Case, truth: Truth, rest: PixelModel, planted: str, base: Pair, prior: Floats, apart: Pair
+) -> tuple[str | None, float]:  # fmt: skip
+    """Return the effect of the catalogue that comes nearest, and the size that is left when all numbers follow.
+
+    Where chance may put that on the other side of what counts as alike, more sensors tell.
+    """
+    near = nearest(truth, rest, planted, base, prior, apart)
+    if not near:
+        return None, truth.bench.scale * _root(fall(apart, base, prior))
+    least = {name: least_left(truth, Place.of(model)) for name, model in near.items()}
+    name, best = min(least.items(), key=lambda one: one[1].left)
+    if abs(best.left - (ALIKE / truth.bench.scale) ** 2) < _BELIEVED * best.doubt:
+        sharper = Truth(case, case.model, _MANY_SENSORS)
+        close = {n: one.place for n, one in least.items() if one.left - best.left < _BELIEVED * best.doubt}
+        least = {n: least_left(sharper, place) for n, place in close.items()}
+        name, best = min(least.items(), key=lambda one: one[1].left)
+    return name, truth.bench.scale * _root(best.left)
 
 
 def _size(

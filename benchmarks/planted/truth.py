@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SLOW", "TIMING_US", "Truth"]
 
-#: Two sets of so many sensors; sets share no random numbers, models within a set share all of them.
+#: Two sets of so many sensors, if not asked for more. Sets share no random numbers, models within a set share all.
 _SENSORS: Final = 3
 _SETS: Final = 2
 #: Sets of so many sensors from which the changes by the base numbers are known, and those by what mimics an effect.
@@ -84,9 +84,10 @@ def _later(events: npt.NDArray[np.void], late_us: int) -> npt.NDArray[np.void]:
 class Truth:
     """What is expected of the truth of a case, and how unlike others are."""
 
-    def __init__(self, case: Case, model: PixelModel) -> None:
+    def __init__(self, case: Case, model: PixelModel, sensors: int = _SENSORS) -> None:
         self.bench = _Bench(case)
-        seen = [self.bench.see(model, s, _SENSORS) for s in range(_SETS)]
+        self._sensors = sensors
+        seen = [self.bench.see(model, s, sensors) for s in range(_SETS)]
         self.of: Measured = measured(seen[0][0])
         every = expectation(self.of, [add(c) for c in zip(*seen[0], *seen[1], strict=True)])
         more = math.sqrt(1.0 + 1.0 / every.recordings)
@@ -112,7 +113,7 @@ class Truth:
         return first, second
 
     def _seen(self, model: PixelModel, of_set: int, late_us: int = 0) -> Floats:
-        return self.value(self.bench.see(model, of_set, _SENSORS, late_us))
+        return self.value(self.bench.see(model, of_set, self._sensors, late_us))
 
     def changes(self, model: PixelModel, others: Sequence[PixelModel], steps: Sequence[float]) -> Pair:
         """(n, k) change from a model to each of the others, by unit of its step, from each of two sets."""

@@ -68,20 +68,20 @@ def with_leak(rate: float, theta_on: float = 0.3) -> PixelModel:
 @pytest.mark.parametrize("truth", [with_leak(0.2, 0.9), with_leak(0.02, 0.2), with_leak(0.4, 0.5)])
 def test_what_other_numbers_make_the_same_leaves_chance(truth: PixelModel) -> None:
     """Straight lines alone leave hundreds."""
-    left = least_left(cast("Any", Bent(bent, bent(truth))), with_leak(0.1))
+    left = least_left(cast("Any", Bent(bent, bent(truth))), Place.of(with_leak(0.1))).left
     assert abs(left) < 3.0 * CHANCE**2 * np.sqrt(STATISTICS) + 0.05 * STATISTICS * CHANCE**2
 
 
 def test_a_later_clock_is_followed() -> None:
     truth = Bent(bent, bent(with_leak(0.1)) + 3.0)  # 6 us
-    left = least_left(cast("Any", truth), with_leak(0.1))
+    left = least_left(cast("Any", truth), Place.of(with_leak(0.1))).left
     assert left == pytest.approx(0.6**2, abs=3.0 * CHANCE**2 * np.sqrt(STATISTICS) + 0.5)
 
 
 def test_what_no_number_makes_is_left() -> None:
     shown = bent(with_leak(0.2, 0.5))
     shown[7] = 12.0
-    left = least_left(cast("Any", Bent(bent, shown)), with_leak(0.1))
+    left = least_left(cast("Any", Bent(bent, shown)), Place.of(with_leak(0.1))).left
     assert left == pytest.approx(144.0, abs=3.0 * 2.0 * 12.0 * CHANCE)
 
 
@@ -96,7 +96,7 @@ def test_a_promise_that_is_not_kept_is_not_believed() -> None:
 
     truth = np.zeros(STATISTICS)
     truth[0] = 40.0
-    left = least_left(cast("Any", Bent(wayward, truth)), replace(MODEL))
+    left = least_left(cast("Any", Bent(wayward, truth)), Place.of(replace(MODEL))).left
     assert left > 0.9 * (40.0 - 1.5) ** 2
 
 

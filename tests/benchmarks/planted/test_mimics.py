@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
+from bench.diagnosis.catalogue import sized
 from benchmarks.planted import mimics
 from sim_backend.pixel.effects.registry import effects
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 STATISTICS = 50
 LEAK = effects()["leak"]
+LEAK_AT_FIRST = cast("Any", sized(LEAK, 1.0)).rate_per_s
 
 
 class Bare:
@@ -55,9 +57,9 @@ def bent(rate: float) -> Floats:
     return change
 
 
-def left_by_a_leak(apart: Floats) -> float:
+def left_by_a_leak(apart: Floats, change: Callable[[float], Floats] = bent) -> float:
     none = np.zeros((STATISTICS, 0))
-    truth, model = cast("Any", Bent(bent, apart)), cast("Any", Bare())
+    truth, model = cast("Any", Bent(change, apart)), cast("Any", Bare())
     return mimics._with(LEAK, truth, model, (none, none), np.zeros(0), (apart, apart))[1]
 
 
@@ -76,3 +78,15 @@ def test_what_is_nothing_like_it_is_left() -> None:
     apart = np.zeros(STATISTICS)
     apart[7] = 12.0
     assert left_by_a_leak(apart) == pytest.approx(144.0)
+
+
+def test_what_does_too_little_to_be_seen_is_made_larger() -> None:
+    """At the size that is looked at first, nothing of it stands out of chance."""
+
+    def change(rate: float) -> Floats:
+        shown = np.zeros(STATISTICS)
+        shown[0] = 50.0 * rate if rate > 2.0 * LEAK_AT_FIRST else 0.0
+        return shown
+
+    apart = change(50.0 * LEAK_AT_FIRST)
+    assert left_by_a_leak(apart, change) < 0.05 * float(apart @ apart)
