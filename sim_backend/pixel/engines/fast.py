@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from sim_backend.pixel.chain import Chain
     from sim_backend.pixel.engines.readout import Crossings
+    from sim_backend.pixel.engines.stretches import Walk
     from sim_backend.pixel.light import LightHistory
 
 __all__ = ["FastEngine", "is_faster"]
@@ -94,7 +95,8 @@ class FastEngine:
         Drift and flicker of the light go in small steps, for all pixels; what a high-pass remembers (see
         `quiet_high_pass`) follows the light alone, along short lines, and that of the mean pixel where there is more
         than one low-pass. That is up to tens of times as fast, most of all with few pixels or more than one low-pass;
-        but no longer the same distribution: see :mod:`sim_backend.pixel.engines.stepped_light`.
+        but no longer the same distribution: see :mod:`sim_backend.pixel.engines.stepped_light`, and
+        :mod:`sim_backend.pixel.engines.stairs_kernels` for quiet pixels beside flicker.
     """
 
     dt_s: float = 1e-5
@@ -122,6 +124,7 @@ class FastEngine:
         from sim_backend.pixel.engines.two_poles import TwoPoles
 
         chain = _with_injection_in_thresholds(chain)
+        flickers = self.stepped_light and chain.flicker_depth > 0.0
         if self.stepped_light:
             chain, light = with_stairs(chain, light, self.dt_s, seed, duration_s)
         quiet = self._without_noise_in_high_pass(chain)
@@ -135,8 +138,12 @@ class FastEngine:
             fast[:] = False
         streams: list[Crossings] = []
         if fast.any():
-            kind = TwoPoles if _has_more_than_one_pole(chain) else OnePole
-            walk = kind(_some_pixels(quiet or chain, fast), light, self.dt_s, seed, slopes)
+            some = _some_pixels(quiet or chain, fast)
+            walk: Walk
+            if _has_more_than_one_pole(chain):
+                walk = TwoPoles(some, light, self.dt_s, seed, slopes)
+            else:
+                walk = OnePole(some, light, self.dt_s, seed, slopes, in_stairs=flickers)
             streams.append(crossings(walk, samples_before(duration_s, self.dt_s), self.threads))
         if not fast.all():
             reference = ReferenceEngine(dt_s=self.dt_s, threads=self.threads)

@@ -28,6 +28,7 @@ from sim_backend.pixel.engines.draws_kernels import DRAW_LANES, DRAWS, fill_draw
 from sim_backend.pixel.engines.jump_kernels import jump, table_holds
 from sim_backend.pixel.engines.moving_kernels import LONGEST_MOVING, between_nodes, extremes
 from sim_backend.pixel.engines.reference_kernels import start_normals  # noqa: F401
+from sim_backend.pixel.engines.stairs_kernels import blind_through, jump_through
 
 NEVER: Final = np.iinfo(np.int64).max  #: the pixel is not blind, or has no hazard to wait for
 
@@ -38,7 +39,8 @@ SEGMENT: Final = 2  #: stretch of constant light to which AT belongs
 QUIET: Final = 3  #: sample from which on the table of rates holds
 USED: Final = 4  #: normal numbers used of those in store
 COUNTER: Final = 5  #: counters used
-WHOLE: Final = 6  #: how many columns
+CALM: Final = 6  #: sample from which on it may jump through low stairs
+WHOLE: Final = 7  #: how many columns
 
 # Columns of the real numbers of a pixel's state, all in units of the rms
 OUTPUT: Final = 0  #: w, the output less the settled level and less MOVED
@@ -114,7 +116,7 @@ def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # typ
 
 @lean_njit()
 def run_pixels(  # type: ignore[no-untyped-def]
-    begin, stop, light, rate, rms, settle, key, lowest, reset, sensor, factors, tables, moving, state, events
+    begin, stop, light, rate, rms, settle, key, lowest, reset, sensor, factors, tables, moving, stairs, state, events
 ):
     """Take pixels to sample `stop` - 1 or beyond, or until there is no more room for events.
 
@@ -147,6 +149,9 @@ def run_pixels(  # type: ignore[no-untyped-def]
     moving
         Table, lows and highs of :func:`~sim_backend.pixel.engines.moving_kernels.follow`; (m,) shift of each segment;
         while the light moves, no step goes beyond a multiple of so many samples, up to which the table is filled.
+    stairs
+        Tables, fastest, window and since of :func:`~sim_backend.pixel.engines.stairs_kernels.respond`; of no segments
+        where the light is no stairs.
     state
         (n, WHOLE), (n, REAL), (n, DRAWS): state of each pixel, and normal numbers; room for DRAWS uint32. Changed.
     events
@@ -162,11 +167,14 @@ def run_pixels(  # type: ignore[no-untyped-def]
     scale = 1.0 / rate
     rates, inside, beyond = tables
     table, lows, highs, shifts, unit = moving
+    _, _, window, since = stairs
+    in_stairs = len(since) > 0
     whole, real, store, words = state
     count = 0
     for i in range(begin, len(pixel)):
         at, wake, segment = whole[i, AT], whole[i, WAKE], whole[i, SEGMENT]
         quiet, used, counter = whole[i, QUIET], whole[i, USED], whole[i, COUNTER]
+        calm = whole[i, CALM]
         w, level, moved = real[i, OUTPUT], real[i, LEVEL], real[i, MOVED]
         on_level, off_level = real[i, ON_LEVEL], real[i, OFF_LEVEL]
         place = fixed[i, NODE]
@@ -199,7 +207,23 @@ def run_pixels(  # type: ignore[no-untyped-def]
             before = at
             moves = at < until[segment]
             last = min(end, until[segment], (at // unit + 1) * unit) if moves else end
-            if wake != NEVER:
+            gone = 0
+            if in_stairs and wake == NEVER and at >= max(calm, since[segment] + settle):
+                gone, there, used, event = jump_through(
+                    at, segment, on_level, off_level, slope, rate, place, first, stairs, tables, z, used
+                )
+                if gone == 0:  # nor will it before the window ends
+                    calm = window[segment]
+            if gone > 0:
+                w = there
+                at += gone
+                on_level -= slope * gone
+                off_level -= slope * gone
+            elif wake != NEVER and in_stairs:
+                w = blind_through(at, wake, segment, w, rate, place, first, stairs, np.float64(z[used]))
+                used += 1
+                at = wake
+            elif wake != NEVER:
                 at = min(wake, last)
                 if at - before == dead[i]:  # the most frequent by far
                     w = dead_fade * w + dead_spread * np.float64(z[used])
@@ -270,8 +294,10 @@ def run_pixels(  # type: ignore[no-untyped-def]
                 on_level = memorised + fixed[i, ON]
                 off_level = memorised - fixed[i, OFF]
                 quiet = max(at, min(until[segment], end)) + settle
+                calm = at + settle
         whole[i, AT], whole[i, WAKE], whole[i, SEGMENT] = at, wake, segment
         whole[i, QUIET], whole[i, USED], whole[i, COUNTER] = quiet, used, counter
+        whole[i, CALM] = calm
         real[i, OUTPUT], real[i, LEVEL], real[i, MOVED] = w, level, moved
         real[i, ON_LEVEL], real[i, OFF_LEVEL] = on_level, off_level
         if at < stop - 1:

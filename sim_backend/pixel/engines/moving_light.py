@@ -50,8 +50,8 @@ class MovingLight:
         self._high_share = high_share
         self._rms = chain.noise_rms
         dark_lux = chain.dark_fa / chain.gain_fa_per_lux
-        self._lowest_lux = LOWEST_CURRENT_FA / float(np.max(chain.gain_fa_per_lux))
-        self._dark_lux, self.place = _nodes(dark_lux, float(np.min(segments.lux)))
+        self.lowest_lux = LOWEST_CURRENT_FA / float(np.max(chain.gain_fa_per_lux))
+        self.dark_lux, self.place = _nodes(dark_lux, float(np.min(segments.lux)))
         self._state: Floats | None = None
         self._start_lux = float(on_chip.lux(0, 1)[0])
         self._shift = np.zeros(len(segments.lux), np.int64)
@@ -62,7 +62,7 @@ class MovingLight:
     @property
     def stretch_samples(self) -> int:
         """Longest stretch for which the table has a moderate size."""
-        return _TABLE // len(self._dark_lux) if self._segments.moving else _TABLE
+        return _TABLE // len(self.dark_lux) if self._segments.moving else _TABLE
 
     def prepare(self, begin: int, stop: int) -> None:
         """Fill the table for the samples `begin` to `stop` - 1; the first is the last one of the stretch before."""
@@ -77,7 +77,7 @@ class MovingLight:
         columns = (last // cell - first // cell + 1) * cell
         shift = first // cell * cell - np.cumsum(columns) + columns
         self._shift[segment] = shift
-        shape = (len(self._dark_lux), max(int(columns.sum()), cell))
+        shape = (len(self.dark_lux), max(int(columns.sum()), cell))
         table = np.empty(shape)
         lows, highs = np.empty((shape[0], shape[1] // cell)), np.empty((shape[0], shape[1] // cell))
         samples = np.repeat(first - np.cumsum(last - first + 1) + (last - first + 1), last - first + 1)
@@ -87,7 +87,7 @@ class MovingLight:
             self._state = np.zeros((shape[0], moving_kernels.KEPT))
         moving_kernels.follow(
             np.stack([first, last, shift], axis=1), goes_on, stop - 2, self._on_chip.lux_at(samples),
-            self._segments.lux[segment], self._start_lux, self._dark_lux, self._lowest_lux, self._fade,
+            self._segments.lux[segment], self._start_lux, self.dark_lux, self.lowest_lux, self._fade,
             self._high_share, self._rms, self._state, table, lows, highs,
         )  # fmt: skip
         self.table = (table, lows, highs, self._shift, UNIT)

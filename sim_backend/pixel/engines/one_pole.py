@@ -12,6 +12,7 @@ from sim_backend.pixel.chain import LOWEST_CURRENT_FA, pixel_ids
 from sim_backend.pixel.engines.hazard import B_FIRST, B_STEP, hazard_table
 from sim_backend.pixel.engines.moving_light import MovingLight
 from sim_backend.pixel.engines.segments import LAST, segments_of
+from sim_backend.pixel.engines.stairs import no_stairs, stairs_of
 from sim_backend.pixel.engines.stretches import UNIT, places, room_for
 from sim_backend.pixel.light_path import ChipLight
 from sim_backend.pixel.philox import split_seed
@@ -45,11 +46,19 @@ _PIXEL_SAMPLES: Final = 1 << 27
 class OnePole:
     """The pixels of one recording; see :class:`sim_backend.pixel.engines.stretches.Walk`.
 
-    Of a high-pass, what it remembers of the light is taken off; it remembers no noise.
+    Of a high-pass, what it remembers of the light is taken off; it remembers no noise. `in_stairs` is light that goes
+    in many small steps, as of :func:`sim_backend.pixel.engines.stepped_light.with_stairs`.
     """
 
     def __init__(
-        self, chain: Chain, light: LightHistory, dt_s: float, seed: int, slopes: Floats | None = None
+        self,
+        chain: Chain,
+        light: LightHistory,
+        dt_s: float,
+        seed: int,
+        slopes: Floats | None = None,
+        *,
+        in_stairs: bool = False,
     ) -> None:
         from sim_backend.pixel.engines import fast_kernels
 
@@ -59,6 +68,7 @@ class OnePole:
         self._key = tuple(np.uint32(word) for word in split_seed(seed))
         self._rate = 2.0 * math.pi * chain.corner_hz * dt_s
         on_chip = ChipLight(chain, light, dt_s, seed)
+        start_lux = float(on_chip.lux(0, 1)[0])
         self._segments = segments_of(on_chip, chain.noise_rms, dt_s, restless=chain.high_pass_hz > 0.0)
         leaks = chain.leak_per_s_per_lux * self._segments.lux * (dt_s / chain.noise_rms)
         if slopes is not None:
@@ -68,11 +78,16 @@ class OnePole:
         self._settle, self._tables = self._hazard()
         high_share = -math.expm1(-2.0 * math.pi * chain.high_pass_hz * dt_s)
         self._moving = MovingLight(chain, on_chip, self._segments, math.exp(-self._rate), high_share)
+        self._stairs = no_stairs()
+        if in_stairs and not self._segments.moving and np.ptp(leaks) == 0.0:
+            self._stairs = stairs_of(
+                self._segments, start_lux, self._moving.dark_lux, self._moving.lowest_lux, self._rate, chain.noise_rms
+            )
         self.stretch_samples = self._stretch_samples()
         self._pixel = pixel_ids(chain.x, chain.y)
         self.order, self._place = places(chain)
         self._sensor = self._fixed()
-        self._start(float(on_chip.lux(0, 1)[0]))
+        self._start(start_lux)
 
     def prepare(self, first: int, stop: int) -> None:
         """Get ready for a stretch of samples."""
@@ -87,7 +102,7 @@ class OnePole:
             found: tuple[int, int] = self._kernels.run_pixels(
                 i, stop, self._light, self._rate, self.chain.noise_rms, self._settle, self._key, LOWEST_CURRENT_FA,
                 self.chain.reset_rms / self.chain.noise_rms, sensor, self._factors, self._tables, self._moving.table,
-                state, room,
+                self._stairs, state, room,
             )  # fmt: skip
             return found
 
@@ -132,6 +147,7 @@ class OnePole:
         segment = int(np.searchsorted(self._segments.first, 0, side="right")) - 1
         whole[:, k.SEGMENT] = segment
         whole[:, k.WAKE] = k.NEVER
+        whole[:, k.CALM] = self._settle
         whole[:, k.QUIET] = min(self._settle + max(int(self._segments.until[segment]), 0), LAST)
         whole[:, k.USED] = k.DRAWS
         level, now = (
