@@ -154,6 +154,12 @@ def choose_block(w, upper, lower, most, scale):  # type: ignore[no-untyped-def]
 
 
 @lean_njit(forceinline=True)
+def nearest(upper, lower, slope, samples):  # type: ignore[no-untyped-def]
+    """Return both levels where a leak takes them nearest to the pixel in a block."""
+    return upper - max(slope, 0.0) * samples, lower - min(slope, 0.0) * samples
+
+
+@lean_njit(forceinline=True)
 def one_by_one(w, upper, lower, samples, factors, z, used):  # type: ignore[no-untyped-def]
     """Take an armed pixel to the first sample beyond a level, or `samples` on; as :func:`block`."""
     fade = factors[1, FADE]

@@ -23,7 +23,7 @@ from typing import Final
 import numpy as np
 
 from drivers.jit import lean_njit
-from sim_backend.pixel.engines.block_kernels import MOST_DRAWS, block, choose_block, until_event
+from sim_backend.pixel.engines.block_kernels import MOST_DRAWS, block, choose_block, nearest, until_event
 from sim_backend.pixel.engines.draws_kernels import DRAW_LANES, DRAWS, fill_draws
 from sim_backend.pixel.engines.jump_kernels import jump, table_holds
 from sim_backend.pixel.engines.moving_kernels import LONGEST_MOVING, between_nodes, extremes
@@ -92,12 +92,6 @@ def block_under_moving_light(w, now, on_level, off_level, slope, most, scale, pl
         if keeps_distance(w, on_level - now, off_level - now, upper, lower, samples, scale):
             return samples, upper, lower
         samples = (samples + 1) // 2
-
-
-@lean_njit(forceinline=True)
-def nearest(upper, lower, slope, samples):  # type: ignore[no-untyped-def]
-    """Return both levels where a leak takes them nearest to the pixel in a block."""
-    return upper - max(slope, 0.0) * samples, lower - min(slope, 0.0) * samples
 
 
 @lean_njit(forceinline=True)

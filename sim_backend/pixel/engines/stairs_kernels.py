@@ -21,6 +21,7 @@ from typing import Final
 import numpy as np
 
 from drivers.jit import lean_njit, njit
+from sim_backend.pixel.engines.block_kernels import nearest
 from sim_backend.pixel.engines.draws_kernels import exponential
 from sim_backend.pixel.engines.jump_kernels import APART, from_normal, hazard, most_hazard, quiet_output
 from sim_backend.pixel.engines.moving_kernels import between_nodes
@@ -178,8 +179,7 @@ def jump_through(at, segment, on_level, off_level, slope, rate, place, first, st
     on_level -= away
     off_level -= away
     high, low = between_nodes(tables[HIGHEST], place, segment), between_nodes(tables[LOWEST], place, segment)
-    upper = on_level + now - high - max(slope, 0.0) * samples
-    lower = off_level + now - low - min(slope, 0.0) * samples
+    upper, lower = nearest(on_level + now - high, off_level + now - low, slope, samples)
     near, leak = min(upper, -lower), slope / rate
     if near < _NEAREST or on_level - off_level < APART:
         return 0, 0.0, used, 0
