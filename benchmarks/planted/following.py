@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Least", "Place", "changes_by", "least_left"]
+__all__ = ["Least", "Place", "changes_by", "least_left", "left_along"]
 
 #: Straight lines lead no farther than this, in ln units, or in what is known of the clock.
 _FARTHEST: Final = 4.0
@@ -53,11 +53,16 @@ class Place:
 
     def left(self, apart: Pair, prior: Floats) -> float:
         """Return what is left of a difference here, and of what is known of the numbers."""
-        return float(apart[0] @ apart[1] + prior @ self.moved**2)
+        return float(apart[0] @ apart[1]) + self.known(prior)
+
+    def known(self, prior: Floats) -> float:
+        """Return the part of it that is for how far the numbers have gone from where they are known to be."""
+        return float(prior @ self.moved**2)
 
     def follow(self, apart: Pair, changes: Pair, prior: Floats, share: float = 1.0) -> Place:
         """Return where straight lines say that the numbers take up most, or the place a share of the way there."""
-        by = share * np.clip(taken_up(apart, changes, prior, self.moved), -_FARTHEST, _FARTHEST)
+        by = taken_up(apart, changes, prior, self.moved)
+        by *= share * min(1.0, _FARTHEST / float(np.max(np.abs(by), initial=_FARTHEST)))
         moved = self.moved + by
         moved[-1] = round(TIMING_US * moved[-1]) / TIMING_US
         numbers = _numbers(self.model)
@@ -72,6 +77,7 @@ class Least:
     place: Place
     left: float  #: fall of the deviance
     doubt: float  #: its standard error
+    known: float  #: part that is for how far numbers have gone from where they are known to be: it is in no doubt
 
 
 def changes_by(truth: Truth, model: PixelModel) -> tuple[Pair, Floats]:
@@ -95,18 +101,57 @@ def least_left(truth: Truth, place: Place) -> Least:
     apart = truth.apart(place.model, None, place.late_us)
     for _ in range(_STEPS):
         changes, prior = changes_by(truth, place.model)
-        here, promised = place.left(apart, prior), fall(apart, changes, prior, place.moved)
-        if here - promised < max(_WORTH_IT * here, uncertainty(*apart)):
-            return Least(place, promised, uncertainty(*apart))
-        for share in _SHARES:
-            further = place.follow(apart, changes, prior, share)
-            there = truth.apart(further.model, None, further.late_us)
-            if further.left(there, prior) < here:
-                break
-        else:
+        closer = _closer(truth, None, place, apart, changes, prior)
+        if closer is None:
             break
-        place, apart = further, there
-    return Least(place, place.left(apart, prior), uncertainty(*apart))
+        place, apart = closer
+    promised = fall(apart, changes, prior, place.moved)
+    left = promised if _is_there(place, apart, changes, prior) else place.left(apart, prior)
+    return Least(place, left, uncertainty(*apart), place.known(prior))
+
+
+def left_along(
+    truth: Truth, model: PixelModel, other: PixelModel | None, apart: Pair, changes: Pair, prior: Floats
+) -> Least:  # fmt: skip
+    """Return what of a truth is left when the numbers of a model have followed it, and go on changing it alike.
+
+    That takes a small part of the time of looking at each place at what they change, and what they change is less
+    certain than where they lead.
+
+    Parameters
+    ----------
+    other
+        Stands for the truth, if any does.
+    apart
+        It, less the model.
+    """
+    place = Place.of(model)
+    for _ in range(_STEPS):
+        closer = _closer(truth, other, place, apart, changes, prior)
+        if closer is None:
+            break
+        place, apart = closer
+    return Least(place, fall(apart, changes, prior, place.moved), uncertainty(*apart), place.known(prior))
+
+
+def _closer(
+    truth: Truth, other: PixelModel | None, place: Place, apart: Pair, changes: Pair, prior: Floats
+) -> tuple[Place, Pair] | None:  # fmt: skip
+    """Return a place that is closer, and what is apart there; None where straight lines lead to none."""
+    if _is_there(place, apart, changes, prior):
+        return None
+    for share in _SHARES:
+        further = place.follow(apart, changes, prior, share)
+        there = truth.apart(further.model, other, further.late_us)
+        if further.left(there, prior) < place.left(apart, prior):
+            return further, there
+    return None
+
+
+def _is_there(place: Place, apart: Pair, changes: Pair, prior: Floats) -> bool:
+    """Return whether straight lines promise next to nothing, or what may be chance."""
+    here, promised = place.left(apart, prior), fall(apart, changes, prior, place.moved)
+    return here - promised < max(_WORTH_IT * here, uncertainty(*apart))
 
 
 def _numbers(model: PixelModel) -> list[Free]:

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.catalogue import switches
-from benchmarks.planted.falls import fall, uncertainty
-from benchmarks.planted.following import Place, changes_by, least_left
+from benchmarks.planted.falls import fall
+from benchmarks.planted.following import Place, changes_by, least_left, left_along
 from benchmarks.planted.mimics import nearest
 from benchmarks.planted.truth import Truth
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from benchmarks.planted.cases import Case
     from benchmarks.planted.falls import Pair
+    from benchmarks.planted.following import Least
     from sim_backend.pixel import PixelModel
     from sim_backend.pixel.effects.base import Effect
 
@@ -41,6 +42,8 @@ ALIKE: Final = 3.0
 #: An effect whose fall stands out by fewer standard errors is made larger, by this factor, so many times in all.
 _CLEARLY: Final = 6.0
 _LARGER, _LARGEST = 4.0, 256.0
+#: Share of a size that is most of it.
+_MOSTLY: Final = 0.5
 #: Sizes go with the square at the most.
 _STEEPEST: Final = 2.0
 #: Of two sizes the one of the smaller effect holds where they are more standard errors apart.
@@ -111,8 +114,10 @@ def _size(
     """
     factor, larger, seen = 1.0, None, []
     while True:
-        found, doubt = _left(truth, rest, None if larger is None else rest + larger, apart, base, prior)
-        if found >= _CLEARLY * doubt or effect is None or factor >= _LARGEST:
+        least = left_along(truth, rest, None if larger is None else rest + larger, apart, base, prior)
+        found, doubt = max(least.left, least.known), least.doubt
+        is_clear = found >= _CLEARLY * doubt or _is_known(least)
+        if is_clear or effect is None or factor >= _LARGEST:
             break
         larger = _larger(effect, factor * _LARGER)
         if larger is None:
@@ -120,7 +125,7 @@ def _size(
         seen.append((found, doubt, factor))
         factor *= _LARGER
         apart = truth.apart(rest, rest + larger)
-    power = _power(truth, rest, effect, factor, found, base, prior)
+    power = 1.0 if _is_known(least) else _power(truth, rest, effect, factor, found, base, prior)
     size = _root(found) / math.pow(factor, power)
     for smaller, doubt, at in reversed(seen):
         if (size * math.pow(at, power)) ** 2 > smaller + _BELIEVED * doubt:
@@ -135,26 +140,18 @@ def _power(
     larger = None if effect is None or factor == 1.0 else _larger(effect, factor * _LARGER)
     if larger is None or found <= 0.0:
         return 1.0
-    more, doubt = _left(truth, rest, rest + larger, truth.apart(rest, rest + larger), base, prior)
+    more = left_along(truth, rest, rest + larger, truth.apart(rest, rest + larger), base, prior)
     # What may be chance makes no power: the least that it may well have grown by counts.
-    grown = _root(more - doubt) / _root(found)
+    grown = _root(more.left - more.doubt) / _root(found)
     return min(max(math.log(grown) / math.log(_LARGER), 1.0), _STEEPEST) if grown > 0.0 else 1.0
 
 
-def _left(
-    truth: Truth, rest: PixelModel, other: PixelModel | None, apart: Pair, base: Pair, prior: Floats
-) -> tuple[float, float]:  # fmt: skip
-    """Return the fall of the deviance, and its standard error: the base numbers take up what they can.
+def _is_known(least: Least) -> bool:
+    """Return whether a size is mostly that of how far numbers have gone from where they are known to be.
 
-    Straight lines lead near to where they do; from there they lead on, if the truth has come closer.
+    That is in no doubt, and goes with the size of the effect.
     """
-    if not base[0].shape[1]:
-        return fall(apart, base, prior), uncertainty(*apart)
-    place = Place.of(rest).follow(apart, base, prior)
-    closer = truth.apart(place.model, other, place.late_us)
-    if place.left(closer, prior) > apart[0] @ apart[1]:
-        return fall(apart, base, prior), uncertainty(*apart)
-    return fall(closer, base, prior, place.moved), uncertainty(*closer)
+    return least.known >= max(1.0, _MOSTLY * least.left)
 
 
 def _larger(effect: Effect, factor: float) -> Effect | None:

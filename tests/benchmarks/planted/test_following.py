@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from benchmarks.planted.following import Place, least_left
+from benchmarks.planted.following import Place, changes_by, least_left, left_along
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.registry import effect_from_dict
 
@@ -34,8 +34,8 @@ class Bent:
 
     def apart(self, model: PixelModel, truth: Any = None, late_us: int = 0) -> tuple[Floats, Floats]:
         """Return the truth less a model, from two sets of sensors."""
-        assert truth is None
-        left = self.truth - self.shown(model) - 0.5 * late_us
+        of = self.truth if truth is None else self.shown(truth)
+        left = of - self.shown(model) - 0.5 * late_us
         rng = np.random.default_rng(self.seed)
         return left + CHANCE * rng.standard_normal(STATISTICS), left + CHANCE * rng.standard_normal(STATISTICS)
 
@@ -76,6 +76,22 @@ def test_a_later_clock_is_followed() -> None:
     truth = Bent(bent, bent(with_leak(0.1)) + 3.0)  # 6 us
     left = least_left(cast("Any", truth), Place.of(with_leak(0.1))).left
     assert left == pytest.approx(0.6**2, abs=3.0 * CHANCE**2 * np.sqrt(STATISTICS) + 0.5)
+
+
+def test_what_goes_with_a_much_later_clock_is_left_to_what_is_known_of_it() -> None:
+    """One step along a straight line does not lead as far, and another model stands for the truth as well."""
+
+    def late(model: PixelModel) -> Floats:
+        return bent(model) + (65.0 if model.effect("leak") else 0.0)  # 130 us
+
+    rest = with_leak(0.1).without("leak")
+    truth = cast("Any", Bent(late, late(with_leak(1e-9))))
+    changes, prior = changes_by(truth, rest)
+    for other in (None, with_leak(1e-9)):
+        least = left_along(truth, rest, other, truth.apart(rest, other), changes, prior)
+        assert least.known == pytest.approx(13.0**2, rel=0.02)
+        assert least.left == pytest.approx(13.0**2, abs=3.0 * least.doubt)
+        assert least.place.late_us == pytest.approx(130, abs=1)
 
 
 def test_what_no_number_makes_is_left() -> None:

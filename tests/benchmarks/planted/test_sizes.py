@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from benchmarks.planted import sizes
-from benchmarks.planted.falls import believed, fall
+from benchmarks.planted.falls import believed, fall, uncertainty
+from benchmarks.planted.following import Least
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,9 +40,20 @@ class Seen:
         return first, second
 
 
-def size_of(moved: Callable[[float], float], monkeypatch: pytest.MonkeyPatch) -> float:
+def size_of(
+    moved: Callable[[float], float],
+    monkeypatch: pytest.MonkeyPatch,
+    known: Callable[[float], float] = lambda _: 0.0,
+) -> float:
+    """Return the size of what shows, and of what the numbers that have followed it were known to be beforehand."""
     truth = Seen(moved)
+
+    def left(*at: Any) -> Least:
+        beforehand = known(at[2] or 1.0) ** 2
+        return Least(cast("Any", None), fall(*at[3:]) + beforehand, uncertainty(*at[3]), beforehand)
+
     monkeypatch.setattr(sizes, "_larger", lambda _, factor: factor)
+    monkeypatch.setattr(sizes, "left_along", left)
     none = np.zeros((STATISTICS, 0))
     effect = cast("Any", SimpleNamespace())
     return sizes._size(
@@ -56,6 +68,12 @@ def test_a_small_effect_is_a_straight_line(monkeypatch: pytest.MonkeyPatch) -> N
 def test_what_goes_with_the_square_falls_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     """A jitter of time stamps adds its square to the spread of latencies."""
     assert size_of(lambda factor: 0.5 * factor**2, monkeypatch) == pytest.approx(0.5, rel=0.01)
+
+
+def test_what_only_goes_against_what_is_known_beforehand_is_in_no_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A delay is a later clock: until it is larger than the clock lets it be, nothing of it shows."""
+    found = size_of(lambda factor: 1e3 if factor > 1.0 else 0.0, monkeypatch, known=lambda factor: 3.0 * factor)
+    assert found == pytest.approx(3.0, abs=0.01)
 
 
 def test_what_sets_in_beyond_a_size_is_no_larger_than_what_was_seen_below(monkeypatch: pytest.MonkeyPatch) -> None:
