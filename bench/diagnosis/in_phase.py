@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.approach import approach
 from bench.diagnosis.fit import finish, moved
-from bench.diagnosis.judging import deviance_per_dof
+from bench.diagnosis.judging import deviance_per_dof, leaves_more_than_chance
 from bench.diagnosis.phase_search import sharper_phases
 from sim_backend.pixel.effects.light_flicker import LightFlicker
 
@@ -47,7 +47,7 @@ def in_phase(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:
     problem, fit
         The problem knows the phases that the fit is of.
     """
-    begun = _begun(found)
+    begun = _begun(problem, found)
     errors = [deviance_per_dof(problem, moved(problem, one, one.x, seed)) for one in begun]
     likely = [one for one, error in zip(begun, errors, strict=True) if error <= _MUCH_WORSE * min(errors)]
     there, turned, least = _best([_followed(problem, one, seed + 10) for one in likely])
@@ -59,15 +59,18 @@ def in_phase(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:
     return tuned(there, finish(there, near), seed + 95)
 
 
-def _begun(found: Fit) -> list[Fit]:
-    """Return the fit with each corner behind which pixels may have settled to the ripple, if it is open.
+def _begun(problem: Problem, found: Fit) -> list[Fit]:
+    """Return the fit, and with each other corner behind which pixels may have settled to the ripple.
 
-    The first is the fit itself.
+    What was found while another effect was missing may have stood in for it: it is asked again as long as more is
+    left than chance leaves.
     """
     ripple = found.model.effect(LightFlicker.id)
-    if not isinstance(ripple, LightFlicker) or ripple.settled_hz is not None:
+    if not isinstance(ripple, LightFlicker):
         return [found]
-    corners = (found.model.corner_hz, _NOT_BEFORE_HZ)
+    if ripple.settled_hz is not None and not leaves_more_than_chance(problem, found):
+        return [found]
+    corners = [hz for hz in (None, found.model.corner_hz, _NOT_BEFORE_HZ) if hz != ripple.settled_hz]
     models = [found.model.changed(replace(ripple, settled_hz=hz)) for hz in corners]
     return [found, *(replace(found, model=model) for model in models)]
 

@@ -182,17 +182,20 @@ FALLS = {(3.0,): 9.0, (2.0,): 4.0, (1.0,): 1.0}
 FALLS_TOO = {(3.0,): 9.0, (2.0,): 4.0, (1.0,): 0.97}
 FALLS_FURTHER = {(3.0,): 9.0, (2.0,): 4.0, (1.0,): 0.5}
 STAYS = {(3.0,): 9.0, (2.0,): 8.9}
+LITTLE = {(3.0,): 1.0, (2.0,): 0.9, (1.0,): 0.8}
 FAR_OFF = {(3.0,): 20.0, (2.0,): 0.1}
 
 
-@pytest.mark.parametrize(("errors", "end", "begun", "fits"), [
-    ({None: FALLS, 150.0: STAYS, 1e-3: FAR_OFF}, 1.0, None, 1),
-    ({None: FALLS, 150.0: FALLS_TOO, 1e-3: FAR_OFF}, 1.0, None, 1),  # no better than by chance
-    ({None: FALLS, 150.0: FALLS_FURTHER, 1e-3: FAR_OFF}, 1.0, 150.0, 1),
-    ({None: STAYS, 150.0: STAYS, 1e-3: FAR_OFF}, 3.0, None, 0),
+@pytest.mark.parametrize(("before", "errors", "end", "begun", "fits"), [
+    (None, {None: FALLS, 150.0: STAYS, 1e-3: FAR_OFF}, 1.0, None, 1),
+    (None, {None: FALLS, 150.0: FALLS_TOO, 1e-3: FAR_OFF}, 1.0, None, 1),  # no better than by chance
+    (None, {None: FALLS, 150.0: FALLS_FURTHER, 1e-3: FAR_OFF}, 1.0, 150.0, 1),
+    (None, {None: STAYS, 150.0: STAYS, 1e-3: FAR_OFF}, 3.0, None, 0),
+    (1e-3, {1e-3: FALLS, None: STAYS, 150.0: FALLS_FURTHER}, 1.0, 150.0, 1),  # it had stood in for something else
+    (1e-3, {1e-3: LITTLE}, 1.0, 1e-3, 1),  # no more is left than chance leaves: it is not asked again
 ])  # fmt: skip
 def test_phases_and_numbers_are_followed_and_fitted_once(
-    monkeypatch: pytest.MonkeyPatch, errors: Any, end: float, begun: float | None, fits: int
+    monkeypatch: pytest.MonkeyPatch, before: float | None, errors: Any, end: float, begun: float | None, fits: int
 ) -> None:
     """Each round is judged by what is simulated; what makes the error hardly smaller is left."""
     turns = FollowedInTurns(errors)
@@ -200,10 +203,11 @@ def test_phases_and_numbers_are_followed_and_fitted_once(
         monkeypatch.setattr(in_phase_module, name, getattr(turns, name))
     monkeypatch.setattr(in_phase_module, "approach", lambda _, model, *__, **___: replace(found, model=model))
     monkeypatch.setattr(in_phase_module, "deviance_per_dof", turns.error)
+    monkeypatch.setattr(in_phase_module, "leaves_more_than_chance", lambda *of: turns.error(*of) > 1.0)
     monkeypatch.setattr(session_module.Session, "in_time", lambda _, found, __: found)
     session = object.__new__(session_module.Session)
     session.problem = Phases((3.0,), {LightFlicker.id: {"frequency_hz": 61.7}})  # type: ignore[assignment]
-    found: Any = Found(PIXEL + RIPPLE)
+    found: Any = Found(PIXEL + replace(RIPPLE, settled_hz=before))
     fitted = session.in_phase(found, seed=1)
     assert session.problem.phases == (end,)
     assert beginning(fitted) == begun
