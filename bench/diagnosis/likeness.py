@@ -46,8 +46,9 @@ _FACTOR: Final = 3.0
 _THERE: Final = 0.1
 #: What is further apart with little effort is so with more; by how much does not matter.
 _CLEAR: Final = 30.0
-#: At the end the size may still change by this share.
+#: At the end the size may still change by this share; until it does not ask for more, it is looked at so often.
 _LAST_SHARE: Final = 0.5
+_LOOKS: Final = 3
 
 
 def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
@@ -90,10 +91,12 @@ def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> flo
     size, rough = place.size(seed)
     if rough is not None and product(_clipped(rough), _clipped(rough)) > _CLEAR**2:
         return _CLEAR
-    looks = place.apart((0.0, size), seed + 1, _EFFORT, _TIMES)
-    if _is_doubtful(_at_its_best(*looks)):
-        looks = place.apart((0.0, size), seed + 1 + _OTHER_SEED, *_DOUBTFUL, plain=True)
-    return min(_length(_at_its_best(*looks)), _CLEAR)
+    size, null, here = place.looked_at(size, seed + 1, _EFFORT, _TIMES)
+    best = _at_its_best(null, here, _LAST_SHARE)
+    if _is_doubtful(best):
+        _, null, here = place.looked_at(size, seed + _LOOKS + _OTHER_SEED, *_DOUBTFUL, plain=True)
+        best = _at_its_best(null, here)
+    return min(_length(best), _CLEAR)
 
 
 def stand_in(problem: Problem, one: Found, other: type[Effect], seed: int) -> PixelModel:
@@ -142,18 +145,38 @@ class _Place:
                 break
         return size, here + share * (here - null) if -1.0 <= share < _THERE else None
 
+    def looked_at(
+        self, size: float, seed: int, effort: float, times: int, *, plain: bool = False
+    ) -> tuple[float, Floats, Floats]:  # fmt: skip
+        """Return a size, or one that comes closer with such effort, and how the models differ without and there."""
+        for number in range(_LOOKS):
+            null, here = self.apart((0.0, size), seed + number, effort, times, plain=plain)
+            share = _share(null, here)
+            if abs(share) <= _LAST_SHARE or number == _LOOKS - 1:
+                break
+            size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
+        return size, null, here
 
-def _at_its_best(null: Floats, here: Floats) -> Floats:
-    """Return how the models differ at the size that comes closest, which is about the one looked at."""
-    share = float(np.clip(_share(null, here), -_LAST_SHARE, _LAST_SHARE))
+
+def _at_its_best(null: Floats, here: Floats, most: float = math.inf) -> Floats:
+    """Return how the models differ at the size that comes closest; no farther than a share from the one looked at.
+
+    What is so small that it is in doubt goes along a straight line, however far.
+    """
+    share = _share(null, here)
+    share = max(-1.0, float(np.clip(share, -most, most))) if math.isfinite(share) else 0.0
     return np.asarray(here + share * (here - null))
 
 
 def _share(null: Floats, here: Floats) -> float:
-    """Return by what share of itself a size wants to change, if all goes along the line from no effect."""
+    """Return by what share of itself a size wants to change, if all goes along the line from no effect.
+
+    It is infinite where nothing of the effect is seen.
+    """
     along = here - null
     length = product(along, along)
-    return -product(here, along) / length if length > 0.0 else 0.0
+    seen = length if len(along) <= _TWICE else surely(along, along)
+    return -product(here, along) / length if seen > 0.0 else math.inf
 
 
 def _apart(
