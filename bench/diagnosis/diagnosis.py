@@ -281,7 +281,8 @@ class Diagnosis:
         found = []
         for depth, (before, after) in reversed(list(enumerate(pairwise(states)))):
             tried = {after.added, before.proposal, *before.tied}
-            known = [f for f in before.refitted.values() if f.effect not in tried and may_be_added(self.problem, f)]
+            others = [f for f in before.refitted.values() if f.effect not in tried]
+            known = [f for f in others if may_be_added(self.problem, before.fit, f)]
             known.sort(key=lambda f: f.deviance)
             found += [
                 (depth, f)

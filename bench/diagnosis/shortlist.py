@@ -149,7 +149,7 @@ class Shortlist:
         """
         far_off = is_far_off(self._problem, state.fit)
         refitted = self._refit(state, self._without_the_same(shortlist), most, leave)
-        found = sorted((f for f in refitted if may_be_added(self._problem, f)), key=lambda f: f.deviance)
+        found = sorted((f for f in refitted if may_be_added(self._problem, state.fit, f)), key=lambda f: f.deviance)
         if not far_off:  # what the screen promises of a small effect may be chance, in the changes it expects
             before = Found(state.added or "", state.fit, deviance(self._problem, state.fit))
             found = [f for f in found if nearer(self._problem, f, before, self._seed + 57) < 0.0]

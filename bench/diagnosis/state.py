@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.judging import deviance, deviance_per_dof, excess, freedom, loss_left
+from bench.diagnosis.judging import deviance, deviance_per_dof, excess, freedom, heldout, loss_left
 from bench.diagnosis.refit import needless
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ __all__ = [
 _FAR_OFF: Final = 1.3
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
 _EXPLAINED: Final = 3.5
+#: Share of what is too much in the deviance that is nearly all of it.
+_NEARLY_ALL: Final = 0.8
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
 _LOOKS: Final = 2.0
 
@@ -89,11 +91,20 @@ def share_of_loss(problem: Problem, before: Fit, after: Fit) -> float:
     return (one - other) / max(one - n, math.sqrt(2.0 * n))
 
 
-def may_be_added(problem: Problem, found: Found) -> bool:
-    """Return whether a fitted effect is there, and coarser than the grid of the simulation."""
+def may_be_added(problem: Problem, before: Fit, found: Found) -> bool:
+    """Return whether a fitted effect is there, is coarser than the grid of the simulation, and no mere stand-in."""
     numbers = zip(found.fit.slots, found.fit.x, strict=True)
     coarse = all(_coarse(problem, s.free, float(x)) for s, x in numbers if s.free.owner == found.effect)
-    return coarse and not needless(problem, found.fit, found.effect)
+    return coarse and not needless(problem, found.fit, found.effect) and not _stands_in(problem, before, found)
+
+
+def _stands_in(problem: Problem, before: Fit, found: Found) -> bool:
+    """Return whether an effect leaves much, and what it takes away comes back on points that the fit did not see.
+
+    What hardly leaves anything may well be seen in one point alone.
+    """
+    explains = is_far_off(problem, before) and share(problem, before, found.deviance) > _NEARLY_ALL
+    return not explains and heldout(problem, found.fit) >= heldout(problem, before)
 
 
 def can_judge(problem: Problem, scores: Scores, i: int) -> bool:

@@ -25,7 +25,7 @@ def judged_by_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is made up is no fit that could be judged."""
     monkeypatch.setattr(diagnosis, "is_explained", lambda made, _: made.left.get(made.way(made._states), 9.0) < 1.1)
     monkeypatch.setattr(diagnosis, "share", lambda _, __, left: 1.0 - left)
-    monkeypatch.setattr(diagnosis, "may_be_added", lambda _, __: True)
+    monkeypatch.setattr(diagnosis, "may_be_added", lambda *_: True)
     monkeypatch.setattr(shortlist, "is_far_off", lambda _, __: True)
     monkeypatch.setattr(shortlist, "can_judge", lambda _, __, ___: True)
 

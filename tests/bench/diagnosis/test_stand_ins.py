@@ -1,0 +1,70 @@
+"""An effect that takes away what comes back on points that the fit did not see stands in for something else."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.diagnosis.catalogue import free_of
+from bench.diagnosis.fitted import Fit
+from bench.diagnosis.judging import deviance
+from bench.diagnosis.parameters import base_parameters
+from bench.diagnosis.problem import Slot
+from bench.diagnosis.refit import Found
+from bench.diagnosis.state import may_be_added
+from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects.leak import Leak
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float64]
+
+POINTS, EACH = 40, 20
+N = POINTS * EACH
+SLICES = tuple(slice(i * EACH, (i + 1) * EACH) for i in range(POINTS))
+PROBLEM: Any = SimpleNamespace(measured=SimpleNamespace(points=SLICES), forward=SimpleNamespace(dt_s=1e-5))
+BASE, LEAK = Slot(base_parameters(refractory_known=True)[0]), Slot(free_of(Leak)[0])
+RNG = np.random.default_rng(12)
+NOISE, COLUMN = RNG.standard_normal(N), RNG.standard_normal(N)
+
+
+def fit_of(measured: Floats, *changes: Floats) -> Fit:
+    """Return the fit, by least squares, of numbers that change what is expected by so much."""
+    columns = np.column_stack([COLUMN, *changes])
+    x = np.linalg.lstsq(columns, measured, rcond=None)[0]
+    return Fit(
+        model=PixelModel() + Leak(rate_per_s=1.0) if changes else PixelModel(), slots=(BASE, LEAK)[: len(x)], x=x,
+        start=np.zeros(len(x)), value=columns @ x, ratio=np.zeros(N), roots=(np.eye(EACH),) * POINTS,
+        deviation=np.ones(N), jacobian=np.stack([columns, columns]), scale=1.0, residual=measured - columns @ x,
+    )  # fmt: skip
+
+
+def is_added(measured: Floats, change: Floats) -> bool:
+    """Return whether an effect that does this may be added to a model without it."""
+    found = fit_of(measured, change)
+    return may_be_added(PROBLEM, fit_of(measured), Found("leak", found, deviance(PROBLEM, found)))
+
+
+def test_what_all_points_show_may_be_added() -> None:
+    change = np.abs(RNG.standard_normal(N))
+    assert is_added(NOISE + 0.3 * change, change)
+    assert is_added(NOISE + 2.0 * change, change)
+
+
+def test_what_takes_away_something_else_where_it_can_stands_in_for_it() -> None:
+    """It does something in a few points that have little to do with each other, and would in others."""
+    wrong = np.zeros(N)
+    for where in SLICES[::4]:
+        wrong[where] = 2.0 * RNG.standard_normal(EACH)
+    change = np.abs(RNG.standard_normal(N)) * 0.2
+    change[SLICES[0]] = 5.0 * wrong[SLICES[0]]
+    assert not is_added(NOISE + wrong, change)
+
+
+def test_what_leaves_hardly_anything_may_be_seen_in_one_point_alone() -> None:
+    change = np.zeros(N)
+    change[SLICES[7]] = 10.0 + RNG.standard_normal(EACH)
+    assert is_added(NOISE + change, change)
