@@ -34,7 +34,7 @@ NOISE, COLUMN = RNG.standard_normal(N), RNG.standard_normal(N)
 def fit_of(measured: Floats, *changes: Floats) -> Fit:
     """Return the fit, by least squares, of numbers that change what is expected by so much."""
     columns = np.column_stack([COLUMN, *changes])
-    x = np.linalg.lstsq(columns, measured, rcond=None)[0]
+    x = np.asarray(np.linalg.lstsq(columns, measured, rcond=None)[0], np.float64)
     return Fit(
         model=PixelModel() + Leak(rate_per_s=1.0) if changes else PixelModel(), slots=(BASE, LEAK)[: len(x)], x=x,
         start=np.zeros(len(x)), value=columns @ x, ratio=np.zeros(N), roots=(np.eye(EACH),) * POINTS,
