@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
-from copy import copy
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
-import numpy as np
-
 from bench.compute import Workforce
 from bench.diagnosis.approach import approach
-from bench.diagnosis.catalogue import are_the_same, candidates
+from bench.diagnosis.candidate_table import step_with_candidates
+from bench.diagnosis.catalogue import candidates
 from bench.diagnosis.details import with_a_detail
+from bench.diagnosis.detours import other_ways, proposing
 from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import deviance, deviance_beside, deviance_per_dof, step_of
+from bench.diagnosis.judging import deviance_beside, deviance_per_dof
 from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import needless, refitted
 from bench.diagnosis.remainder import remainder_of
-from bench.diagnosis.result import Candidate, Outcome
+from bench.diagnosis.result import Outcome
 from bench.diagnosis.screen import score
 from bench.diagnosis.session import open_session
 from bench.diagnosis.settling import settled
@@ -35,7 +33,6 @@ from bench.diagnosis.state import (
     is_explained,
     is_far_off,
     leaves_little,
-    may_be_added,
     share,
 )
 from bench.diagnosis.ties import told_apart
@@ -61,14 +58,10 @@ __all__ = ["Diagnosis"]
 
 #: Above this one, effects are gross: each does something else at another size.
 _GROSS: Final = 4.0
-#: Where something is left that nothing explains, other ways are tried, at the most so many: with an effect that took
-#: away more than this share of what the one that was added did.
+#: Where something is left that nothing explains, other ways are tried, at the most so many.
 _DETOURS: Final = 2
-_NEARLY_AS_WELL: Final = 0.5
 #: Details of effects that are set free in one step, at the most.
 _DETAILS: Final = 2
-#: Standard errors at which an effect is found as a rule.
-_DETECTED: Final = 4.5
 
 
 class Diagnosis:
@@ -162,7 +155,7 @@ class Diagnosis:
     @property
     def steps(self) -> tuple[Step, ...]:
         """What was found in each step; the first is the model to start from."""
-        return tuple(self._step(number, state) for number, state in enumerate(self._all()))
+        return tuple(step_with_candidates(self.problem, state, number) for number, state in enumerate(self._all()))
 
     @property
     def proposal(self) -> str | None:
@@ -257,9 +250,9 @@ class Diagnosis:
         While several effects are missing, one that is not may do best at first, and leave what nothing explains.
         """
         known = self._states
-        for depth, other in self._others(known)[:_DETOURS]:
+        for depth, other in other_ways(self.problem, known)[:_DETOURS]:
             self._say(f"step {depth + 1}: another way, with {other.effect}")
-            self._states = [*known[:depth], self._proposing(known[depth], other.effect)]
+            self._states = [*known[:depth], proposing(self.problem, known[depth], other.effect)]
             fall = share(self.problem, known[depth].fit, other.deviance)
             self._states = [*self._states, self._look(other.fit, other.effect, fall)]
             self._drop()
@@ -267,29 +260,6 @@ class Diagnosis:
             if is_explained(self.problem, self._states[-1]):
                 return
         self._states = known
-
-    def _proposing(self, state: State, effect_id: str) -> State:
-        """Return the state with another proposal; it is tied with what is the same to a pixel."""
-        other = copy(state)
-        ids = [one.effect.id for one in state.scores.probes if one.effect.id != effect_id]
-        other.proposal = effect_id
-        other.tied = tuple(name for name in ids if are_the_same(name, effect_id, self.problem.points))
-        return other
-
-    def _others(self, states: Sequence[State]) -> list[tuple[int, Found]]:
-        """Return effects that did nearly as well as what was added, and the step before; the last step first."""
-        found = []
-        for depth, (before, after) in reversed(list(enumerate(pairwise(states)))):
-            tried = {after.added, before.proposal, *before.tied}
-            others = [f for f in before.refitted.values() if f.effect not in tried]
-            known = [f for f in others if may_be_added(self.problem, before.fit, f)]
-            known.sort(key=lambda f: f.deviance)
-            found += [
-                (depth, f)
-                for f in known
-                if share(self.problem, before.fit, f.deviance) > _NEARLY_AS_WELL * after.fall
-            ]
-        return found
 
     def _all(self) -> list[State]:
         """Return the states, of which there is at least one."""
@@ -389,32 +359,4 @@ class Diagnosis:
             self._states.append(self._look(again, last.added, fall))
 
     def _last_step(self) -> Step:
-        return self._step(len(self._states) - 1, self._states[-1])
-
-    def _step(self, number: int, state: State) -> Step:
-        scores = state.scores
-        before = deviance(self.problem, state.fit)
-        rows = []
-        for i in np.argsort(-scores.drop, kind="stable"):
-            one = scores.probes[i]
-            name = one.effect.id
-            found = state.refitted.get(name)
-            rows.append(
-                Candidate(
-                    name,
-                    float(scores.drop[i]),
-                    before - found.deviance if found is not None else None,
-                    float(scores.p_best[i]),
-                    state.tied if name == state.proposal else (),
-                    _smallest(scores, int(i)),
-                )
-            )
-        return step_of(self.problem, state.fit, number, state.added, rows)
-
-
-def _smallest(scores: Scores, i: int) -> float | None:
-    """Return the least size of an effect that would have been seen, in the unit of its first number."""
-    one, seen = scores.probes[i], float(scores.seen[i])
-    if seen <= 0.0 or one.free[0].scale == "inverse":
-        return None
-    return one.free[0].value(one.at[0] * _DETECTED / seen)
+        return step_with_candidates(self.problem, self._states[-1], len(self._states) - 1)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import diagnosis, refit, shortlist
+from bench.diagnosis import detours, diagnosis, refit, shortlist
 from bench.diagnosis.diagnosis import Diagnosis
 from bench.diagnosis.shortlist import Shortlist
 from bench.diagnosis.verdict import ties_of
@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 def judged_by_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is made up is no fit that could be judged."""
     monkeypatch.setattr(diagnosis, "is_explained", lambda made, _: made.left.get(made.way(made._states), 9.0) < 1.1)
-    monkeypatch.setattr(diagnosis, "share", lambda _, __, left: 1.0 - left)
-    monkeypatch.setattr(diagnosis, "may_be_added", lambda *_: True)
+    for module in (diagnosis, detours):
+        monkeypatch.setattr(module, "share", lambda _, __, left: 1.0 - left)
+    monkeypatch.setattr(detours, "may_be_added", lambda *_: True)
     monkeypatch.setattr(shortlist, "is_far_off", lambda _, __: True)
     monkeypatch.setattr(shortlist, "can_judge", lambda _, __, ___: True)
 
