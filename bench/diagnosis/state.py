@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.judging import deviance, deviance_per_dof, excess, freedom, heldout, loss_left
 from bench.diagnosis.refit import needless
+from sim_backend.pixel.effects.light_rise_time import LightRiseTime
 
 if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
@@ -34,8 +35,11 @@ _FAR_OFF: Final = 1.3
 _EXPLAINED: Final = 3.5
 #: Share of what is too much in the deviance that is nearly all of it.
 _NEARLY_ALL: Final = 0.8
-#: Times shorter than so many looks of the comparators are not told from how time is cut into samples.
+#: Times shorter than so many looks of the comparators are not told from how time is cut into samples: events that are
+#: stamped one look later, filters that go in steps. Neither tells brighter from darker, as light that rises slowly
+#: does; light that goes from one level to the other within a sample rises as if in half of it.
 _LOOKS: Final = 2.0
+_LOOKS_OF: Final = {LightRiseTime.id: 0.5}
 
 
 @dataclass
@@ -114,5 +118,5 @@ def can_judge(problem: Problem, scores: Scores, i: int) -> bool:
 
 
 def _coarse(problem: Problem, free: Free, coordinate: float) -> bool:
-    finest = _LOOKS * problem.forward.dt_s
+    finest = _LOOKS_OF.get(free.owner, _LOOKS) * problem.forward.dt_s
     return free.unit != "s" or free.scale == "log" or free.value(abs(coordinate)) >= finest

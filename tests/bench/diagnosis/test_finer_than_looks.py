@@ -1,0 +1,34 @@
+"""Times that how a simulation cuts time could make are no sign of an effect."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.diagnosis.catalogue import free_of
+from bench.diagnosis.state import can_judge
+from sim_backend.pixel.effects.comparator_delay import ComparatorDelay
+from sim_backend.pixel.effects.leak import Leak
+from sim_backend.pixel.effects.light_rise_time import LightRiseTime
+from sim_backend.pixel.effects.timestamp_jitter import TimestampJitter
+
+PROBLEM: Any = SimpleNamespace(forward=SimpleNamespace(dt_s=1e-5))
+
+
+@pytest.mark.parametrize(("effect", "size", "told"), [
+    (ComparatorDelay, 1.5e-5, False),
+    (ComparatorDelay, 2.5e-5, True),
+    (TimestampJitter, 1.5e-5, False),
+    (LightRiseTime, 0.4e-5, False),
+    (LightRiseTime, 0.8e-5, True),  # brighter is not delayed as darker is
+    (Leak, 1e-7, True),  # no matter of time
+])  # fmt: skip
+def test_what_is_no_finer_than_the_comparators_look_is_told(effect: Any, size: float, told: bool) -> None:
+    free = free_of(effect)
+    scores: Any = SimpleNamespace(
+        probes=[SimpleNamespace(free=free)], size=np.array([[f.coordinate(size) for f in free]])
+    )
+    assert can_judge(PROBLEM, scores, 0) == told
