@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 from bench.diagnosis.judging import deviance, deviance_per_dof, excess, freedom, heldout, loss_left
 from bench.diagnosis.refit import needless
 from sim_backend.pixel.effects.light_rise_time import LightRiseTime
+from sim_backend.pixel.effects.timestamp_jitter import TimestampJitter
 
 if TYPE_CHECKING:
     from bench.diagnosis.fitted import Fit
@@ -37,9 +38,10 @@ _EXPLAINED: Final = 3.5
 _NEARLY_ALL: Final = 0.8
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples: events that are
 #: stamped one look later, filters that go in steps. Neither tells brighter from darker, as light that rises slowly
-#: does; light that goes from one level to the other within a sample rises as if in half of it.
+#: does; light that goes from one level to the other within a sample rises as if in half of it. Stamps anywhere within
+#: a sample scatter by less than a third of it.
 _LOOKS: Final = 2.0
-_LOOKS_OF: Final = {LightRiseTime.id: 0.5}
+_LOOKS_OF: Final = {LightRiseTime.id: 0.5, TimestampJitter.id: 1.0}
 
 
 @dataclass
@@ -113,8 +115,17 @@ def _stands_in(problem: Problem, before: Fit, found: Found) -> bool:
 
 def can_judge(problem: Problem, scores: Scores, i: int) -> bool:
     """Return whether an effect is coarser than the grid of the simulation, if it is a matter of time."""
-    sizes = zip(scores.probes[i].free, scores.size[i], strict=True)
-    return all(size == 0.0 or _coarse(problem, free, float(size)) for free, size in sizes)
+    one = scores.probes[i]
+    sizes = zip(one.free, map(float, scores.size[i]), one.at, strict=True)
+    return all(size == 0.0 or _coarse(problem, free, _really(free, size, at)) for free, size, at in sizes)
+
+
+def _really(free: Free, size: float, at: float) -> float:
+    """Return the size that a straight line to a probe lets expect, if the effect goes along it.
+
+    Small scatter of the stamps acts by its square: of a small one the line lets expect the square of its share.
+    """
+    return math.copysign(math.sqrt(abs(size * at)), size) if free.owner == TimestampJitter.id else size
 
 
 def _coarse(problem: Problem, free: Free, coordinate: float) -> bool:
