@@ -29,9 +29,8 @@ PROBLEM: Any = SimpleNamespace(forward=SimpleNamespace(dt_s=1e-5))
 ])  # fmt: skip
 def test_what_is_no_finer_than_the_comparators_look_is_told(effect: Any, size: float, told: bool) -> None:
     free = free_of(effect)
-    scores: Any = SimpleNamespace(
-        probes=[SimpleNamespace(free=free)], size=np.array([[f.coordinate(size) for f in free]])
-    )
+    sizes = np.array([[f.coordinate(size) for f in free]])
+    scores: Any = SimpleNamespace(probes=[SimpleNamespace(free=free, at=sizes[0])], size=sizes)
     assert can_judge(PROBLEM, scores, 0) == told
 
 
