@@ -140,7 +140,7 @@ class _Place:
         for _ in range(_STEPS):
             null, here = self.apart((0.0, size), seed, _ROUGH, _TWICE)
             share = _share(null, here)
-            size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
+            size *= _factor(share)
             if abs(share) < _THERE:
                 break
         return size, here + share * (here - null) if -1.0 <= share < _THERE else None
@@ -154,8 +154,13 @@ class _Place:
             share = _share(null, here)
             if abs(share) <= _LAST_SHARE or number == _LOOKS - 1:
                 break
-            size *= float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
+            size *= _factor(share)
         return size, null, here
+
+
+def _factor(share: float) -> float:
+    """Return by which factor a size changes that wants to change by a share of itself."""
+    return float(np.clip(1.0 + share, 1.0 / _FACTOR, _FACTOR))
 
 
 def _at_its_best(null: Floats, here: Floats, most: float = math.inf) -> Floats:

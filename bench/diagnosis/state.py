@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.trends import Trend
 
 __all__ = [
+    "NEARLY_ALL",
     "State",
     "can_judge",
     "is_explained",
@@ -35,7 +36,7 @@ _FAR_OFF: Final = 1.3
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
 _EXPLAINED: Final = 3.5
 #: Share of what is too much in the deviance that is nearly all of it.
-_NEARLY_ALL: Final = 0.8
+NEARLY_ALL: Final = 0.8
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples: events that are
 #: stamped one look later, filters that go in steps. Neither tells brighter from darker, as light that rises slowly
 #: does; light that goes from one level to the other within a sample rises as if in half of it. Stamps anywhere within
@@ -109,7 +110,7 @@ def _stands_in(problem: Problem, before: Fit, found: Found) -> bool:
 
     What hardly leaves anything may well be seen in one point alone.
     """
-    explains = is_far_off(problem, before) and share(problem, before, found.deviance) > _NEARLY_ALL
+    explains = is_far_off(problem, before) and share(problem, before, found.deviance) > NEARLY_ALL
     return not explains and heldout(problem, found.fit) >= heldout(problem, before)
 
 

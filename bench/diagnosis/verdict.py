@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from bench.diagnosis.state import is_explained, share_of_loss
+from bench.diagnosis.state import NEARLY_ALL, is_explained, share_of_loss
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,21 +16,19 @@ if TYPE_CHECKING:
 
 __all__ = ["ties_of", "verdict_of"]
 
-#: Where something is left that nothing explains, only effects that take away so much of what was too much are named.
-_SURE: Final = 0.8
-
 
 def verdict_of(problem: Problem, states: Sequence[State]) -> tuple[Verdict, tuple[str, ...]]:
     """Return the verdict, and the effects that are named.
 
-    Effects that leave much behind may only have mimicked what no catalogue knows.
+    Effects that leave much behind may only have mimicked what no catalogue knows: where something is left that
+    nothing explains, only those are named that take away nearly all of what was too much.
     """
     if is_explained(problem, states[-1]):
         named = tuple(s.added for s in states[1:] if s.added is not None)
         return ("explained" if named else "nothing_missing"), named
     sure = (
         after.added for before, after in pairwise(states)
-        if after.added is not None and min(after.fall, share_of_loss(problem, before.fit, after.fit)) > _SURE
+        if after.added is not None and min(after.fall, share_of_loss(problem, before.fit, after.fit)) > NEARLY_ALL
     )  # fmt: skip
     return "unexplained", tuple(sure)
 
