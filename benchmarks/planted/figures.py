@@ -40,7 +40,7 @@ def draw_detection(bins: Sequence[Bin], cases: Sequence[Tried]) -> Figure:
     shares = [b.found.k / b.found.n for b in bins]
     ax.plot(x, shares, "o-", color=style.INK, label="share, with its 95 % interval")
     for place, share, one in zip(x, shares, bins, strict=True):
-        ax.annotate(f"{one.found.k}/{one.found.n}", (place, share), (6, -11), textcoords="offset points",
+        ax.annotate(f"{one.found.k}/{one.found.n}", (place, share), (5, 4), textcoords="offset points",
                     fontsize=7.5, color=style.MUTED)  # fmt: skip
     ax.axvline(SEEN, color=style.MUTED, linewidth=0.8, linestyle="--")
     ax.axhline(0.95, color=style.MUTED, linewidth=0.8, linestyle=":")
