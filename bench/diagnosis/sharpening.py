@@ -25,13 +25,17 @@ __all__ = ["asks_for_more", "from_here", "is_costly", "sharpened"]
 
 #: A deviance that is larger than that of a true model by more than this factor is not that of too little effort.
 _NEARBY: Final = 2.0
+#: A fit explains a run once its error is that of a true model, but for a tenth: a larger one, be it within chance, may
+#: be that of too little effort.
+_EXPLAINS: Final = 1.1
 #: Models that take no longer than this, beside a base pixel, had as much of it already.
 _CHEAP: Final = 1.5
 
 
 def asks_for_more(problem: Problem, found: Fit) -> bool:
-    """Return whether a fit leaves more than chance does, and little was simulated of it."""
-    if not leaves_more_than_chance(problem, found) or deviance_per_dof(problem, found) > _NEARBY:
+    """Return whether a fit leaves more than chance does, or than one that explains a run, and little was simulated."""
+    error = deviance_per_dof(problem, found)
+    if error > _NEARBY or not (error > _EXPLAINS or leaves_more_than_chance(problem, found)):
         return False
     return is_costly(problem, found)
 
