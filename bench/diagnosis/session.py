@@ -131,10 +131,10 @@ class Session:
             problem, again = self.problem, sharpened(self.problem, found, seed + 10 * number)
             if self._has_the_ripple(again.model):
                 problem, again = tuned(problem, again, seed + 10 * number + 5)
-            if deviance_per_dof(problem, again) < (1.0 - _BETTER) * deviance_per_dof(self.problem, found):
-                self.problem, found, idle = problem, again, 0
-            else:
-                idle += 1
+            before, after = deviance_per_dof(self.problem, found), deviance_per_dof(problem, again)
+            idle = 0 if after < (1.0 - _BETTER) * before else idle + 1
+            if after < before:
+                self.problem, found = problem, again
         return found
 
     def _has_the_ripple(self, model: PixelModel) -> bool:

@@ -44,8 +44,8 @@ def fit_of(error: float) -> Any:
     ("start", "then", "best", "unused"),
     [
         (1.4, [1.3, 1.2, 1.05, 0.9], 1.05, 1),  # within a tenth of a true model's is enough, within chance is not
-        (1.4, [1.45, 1.2, 1.19, 1.19, 1.0], 1.2, 1),  # once no better may be chance, twice is the end
-        (1.4, [1.39, 1.5, 1.0], 1.4, 1),
+        (1.4, [1.45, 1.2, 1.195, 1.19, 1.0], 1.19, 1),  # once hardly better may be chance, twice is the end
+        (1.4, [1.39, 1.5, 1.0], 1.39, 1),
         (1.9, [1.8, 1.7, 1.6, 1.5, 1.4, 1.0], 1.4, 1),  # so often at the most
         (2.5, [1.0], 2.5, 1),  # something else is missing
         (1.05, [0.9], 1.05, 1),
