@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Raced", "entrant", "near_by", "race"]
+__all__ = ["Raced", "entrant", "near_by", "race", "switches_of"]
 
 #: Steps of a way where the model was far off, and where it was not; and the relative error that what is expected may
 #: have at the start where it was.
@@ -201,7 +201,7 @@ def _resized(problem: Problem, way: Approach) -> Approach:
 
 def _other_sizes(way: Approach) -> Iterator[Floats]:
     """Yield places where the effect has another size, beside that of the catalogue."""
-    mine = _switches(way)
+    mine = switches_of(way)
     for factor in _SCANS[0]:
         to = way.at.copy()
         for i in mine:
@@ -212,7 +212,7 @@ def _other_sizes(way: Approach) -> Iterator[Floats]:
 
 def _other_shapes(problem: Problem, way: Approach) -> Iterator[Floats]:
     """Yield places where the effect has another shape, each with sizes that go with a power of it."""
-    mine = _switches(way)
+    mine = switches_of(way)
     owner = way.slots[-1].free.owner
     for i in unknown_shapes(problem, way.model, way.slots):
         free = way.slots[i].free
@@ -225,7 +225,7 @@ def _other_shapes(problem: Problem, way: Approach) -> Iterator[Floats]:
             yield inside(way.slots, to)
 
 
-def _switches(one: Approach) -> list[int]:
+def switches_of(one: Approach) -> list[int]:
     """Return the places of the numbers that switch the last effect of a model on."""
     added = one.model.effect(one.slots[-1].free.owner)
     if added is None:
@@ -239,7 +239,7 @@ def _beside(problem: Problem, one: Approach, best: Approach) -> Approach:
 
     What comes near to the best goes on from there.
     """
-    mine = _switches(one)
+    mine = switches_of(one)
     shared = np.array(best.at[: mine[0]])
     size = np.array([one.slots[i].free.coordinate(one.slots[i].free.probe) for i in mine])
     seen, at = one, np.concatenate([shared, one.at[len(shared) :]])

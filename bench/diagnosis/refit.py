@@ -10,9 +10,10 @@ import numpy as np
 
 from bench.diagnosis.catalogue import is_of_few, least_share, switches
 from bench.diagnosis.fit import finish
-from bench.diagnosis.judging import deviance_beside, loss_left
+from bench.diagnosis.judging import deviance_beside, deviance_per_dof, loss_left
 from bench.diagnosis.race import Raced, entrant, near_by, race
-from bench.diagnosis.sharpening import is_costly, sharpened
+from bench.diagnosis.sharpening import from_here, is_costly, sharpened
+from bench.diagnosis.valley import through_the_valley
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,6 +36,13 @@ _PROMISE: Final = 20.0
 _NEARBY: Final = 2.0
 #: The seed of that, after that of the fit.
 _AGAIN: Final = 7
+#: Where all are further off than this, each may be beyond a bent valley from its minimum. The best of them goes on
+#: from where its fit has ended, so often at the most, while it is off and its error falls to this share.
+_FAR: Final = 2.0
+_OFF: Final = 1.3
+_GOES_ON: Final = 4
+_FALLING: Final = 0.8
+_ON: Final = 1000
 
 
 @dataclass(frozen=True)
@@ -75,12 +83,40 @@ def refitted(
     else:
         raced = [Raced(near_by(problem, one), hopeless=False) for one in entrants]
     names = [scores.probes[i].effect.id for i in candidates]
-    found = []
-    for i, name, one in zip(candidates, names, raced, strict=True):
-        if one.way is not None:
-            fitted = _kept(problem, here, finish(problem, one.way), float(scores.drop[i]), seed + _AGAIN)
-            found.append(Found(name, fitted, deviance_beside(problem, fitted, here)))
-    return Refitted(tuple(found), frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless))
+
+    def found_at(k: int, way: Approach) -> Found:
+        fitted = _kept(problem, here, finish(problem, way), float(scores.drop[candidates[k]]), seed + _AGAIN)
+        return Found(names[k], fitted, deviance_beside(problem, fitted, here))
+
+    ways = {k: one.way for k, one in enumerate(raced) if one.way is not None}
+    found = {k: found_at(k, way) for k, way in ways.items()}
+    if far_off and all(deviance_per_dof(problem, one.fit) > _FAR for one in found.values()):
+        for k, way in ways.items():
+            other = through_the_valley(problem, way)
+            if other is not None:
+                found[k] = min(found[k], found_at(k, other), key=lambda one: one.deviance)
+    if far_off and found:
+        best = min(found, key=lambda k: found[k].deviance)
+        found[best] = _gone_on(problem, here, found[best], seed + _ON)
+    hopeless = frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless)
+    return Refitted(tuple(found.values()), hopeless)
+
+
+def _gone_on(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
+    """Return a model that was fitted on from where it was, while that helps.
+
+    What numbers change is known from around where a fit began: far from there it leads nowhere.
+    """
+    for number in range(_GOES_ON):
+        if deviance_per_dof(problem, found.fit) < _OFF:
+            break
+        again = finish(problem, from_here(problem, found.fit, seed + 20 * number))
+        left = deviance_beside(problem, again, here)
+        still = left < _FALLING * found.deviance
+        found = min(found, Found(found.effect, again, left), key=lambda one: one.deviance)
+        if not still:
+            break
+    return found
 
 
 def _kept(problem: Problem, here: Fit, fitted: Fit, promised: float, seed: int) -> Fit:
