@@ -43,13 +43,10 @@ _LOG = logging.getLogger(__name__)
 #: Relative error that what is expected may have at the start of a fit.
 _ANYWHERE: Final = 0.3
 #: Effort of one look at the solution, how many there are at the least, and how many steps at the most: what is
-#: expected is known from all looks. There are more steps while one of the last few lowers the loss to this share.
+#: expected is known from all looks.
 _FINE: Final = 3.0
 _VISITS: Final = 4
 _POLISHINGS: Final = 6
-_MOST_POLISHINGS: Final = 18
-_FALLING: Final = 0.8
-_LAST_FEW: Final = 3
 #: A fit ends when a step would lower the loss by less than this.
 _SMALL: Final = 1.0
 #: Effort of one end of a difference, near the minimum and where the model is far off. With an effort of 0.4 steps to
@@ -60,9 +57,8 @@ _BLUNT: Final = 0.15
 #: where it is larger by more than the least, the fit stays where it was.
 _DOUBTFUL: Final = 15.0
 _OF_CHANCE: Final = 1.5
-#: and the next step is shorter; where the loss has fallen by much, longer again.
+#: and the next step is shorter.
 _SHORTER: Final = 0.3
-_LONGER: Final = 3.0
 #: The longest last step, beside the longest of all.
 _LAST: Final = 0.1
 #: and of the last step of a fit that is far off, or ends.
@@ -163,9 +159,7 @@ def _minimum(problem: Problem, near: Approach, precise: bool) -> _Minimum:
     jacobian = slopes(problem, slots, at, here, samples, ways)
     visited, seen = [(at, here)], [sensors]
     least, radius = loss_of(problem, here, slots, at, start), 1.0
-    number, last = 0, _POLISHINGS if close else 0
-    while number < last:
-        number += 1
+    for number in range(1, _POLISHINGS + 1 if close else 0):
         delta, gain = step_from(problem, here, jacobian, slots, at, start, radius)
         # Chance of the simulation alone promises about half a unit for each coordinate.
         if gain < _SMALL + 0.5 * len(slots) and len(visited) >= _VISITS:
@@ -179,9 +173,6 @@ def _minimum(problem: Problem, near: Approach, precise: bool) -> _Minimum:
         samples.append(sample_of(problem, to, sensors))
         visited.append((to, there))
         seen.append(sensors)
-        if after < _FALLING * least:
-            last = min(max(last, number + _LAST_FEW), _MOST_POLISHINGS)
-            radius = min(1.0, radius * _LONGER)
         if after < least + _doubt(there):
             at, least = to, min(least, after)
         else:
