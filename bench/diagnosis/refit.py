@@ -90,11 +90,12 @@ def refitted(
 
     ways = {k: one.way for k, one in enumerate(raced) if one.way is not None}
     found = {k: found_at(k, way) for k, way in ways.items()}
-    if far_off and all(deviance_per_dof(problem, one.fit) > _FAR for one in found.values()):
-        for k, way in ways.items():
-            other = through_the_valley(problem, way)
-            if other is not None:
-                found[k] = min(found[k], found_at(k, other), key=lambda one: one.deviance)
+    for k in sorted(ways, key=lambda k: ways[k].loss) if far_off else ():
+        if any(deviance_per_dof(problem, one.fit) <= _FAR for one in found.values()):
+            break
+        other = through_the_valley(problem, ways[k])
+        if other is not None:
+            found[k] = min(found[k], found_at(k, other), key=lambda one: one.deviance)
     if far_off and found:
         best = min(found, key=lambda k: found[k].deviance)
         found[best] = _gone_on(problem, here, found[best], seed + _ON)
@@ -103,20 +104,27 @@ def refitted(
 
 
 def _gone_on(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
-    """Return a model that was fitted on from where it was, while that helps.
+    """Return a model that was fitted on from where it was, while that helps, or what its numbers change is not known.
 
-    What numbers change is known from around where a fit began: far from there it leads nowhere.
+    That is known from around where a fit began: far from there it leads nowhere.
     """
     for number in range(_GOES_ON):
-        if deviance_per_dof(problem, found.fit) < _OFF:
+        known = _knows_its_numbers(problem, found.fit)
+        if known and deviance_per_dof(problem, found.fit) < _OFF:
             break
         again = finish(problem, from_here(problem, found.fit, seed + 20 * number))
         left = deviance_beside(problem, again, here)
         still = left < _FALLING * found.deviance
-        found = min(found, Found(found.effect, again, left), key=lambda one: one.deviance)
+        if left < found.deviance or (not known and left < found.deviance / _FALLING):
+            found = Found(found.effect, again, left)
         if not still:
             break
     return found
+
+
+def _knows_its_numbers(problem: Problem, one: Fit) -> bool:
+    """Return whether a fit says how well each of its numbers is known."""
+    return bool(np.all(np.isfinite(np.diag(one.covariance(problem.measured.points)))))
 
 
 def _kept(problem: Problem, here: Fit, fitted: Fit, promised: float, seed: int) -> Fit:

@@ -74,14 +74,15 @@ def test_what_ended_well_is_left(way: Approach) -> None:
 
 
 @pytest.fixture
-def go_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[float]], tuple[float, int]]:
+def go_on(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[float, int]]:
     """Return a function that gives the error that a fit ends with, and how often it went on, from errors in turn."""
     monkeypatch.setattr(refit, "deviance_per_dof", lambda _, one: one.error)
     monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: 800.0 * one.error)
     monkeypatch.setattr(refit, "from_here", lambda *_: None)
+    monkeypatch.setattr(refit, "_knows_its_numbers", lambda _, one: one.known)
 
-    def ended(errors: Sequence[float]) -> tuple[float, int]:
-        first, *then = [SimpleNamespace(error=error) for error in errors]
+    def ended(errors: Sequence[float], known: bool = True) -> tuple[float, int]:
+        first, *then = [SimpleNamespace(error=error, known=known or i > 0) for i, error in enumerate(errors)]
         monkeypatch.setattr(refit, "finish", lambda *_: then.pop(0))
         found: Any = refit.Found("reset_noise", first, 800.0 * first.error)  # type: ignore[arg-type]
         best: Any = refit._gone_on(None, None, found, 1).fit  # type: ignore[arg-type]
@@ -101,6 +102,14 @@ def go_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[float]], tuple[
     ],
 )
 def test_a_fit_goes_on_while_its_error_falls(
-    go_on: Callable[[Sequence[float]], tuple[float, int]], errors: Sequence[float], best: float, often: int
+    go_on: Callable[..., tuple[float, int]], errors: Sequence[float], best: float, often: int
 ) -> None:
     assert go_on(errors) == (best, often)
+
+
+@pytest.mark.parametrize(("then", "best"), [(1.0, 1.0), (1.2, 1.2), (1.6, 1.1)])
+def test_what_its_numbers_change_is_looked_at_where_a_fit_has_ended(
+    go_on: Callable[..., tuple[float, int]], then: float, best: float
+) -> None:
+    """A fit that has gone far does not know; another one is as good, but for chance, or it is elsewhere."""
+    assert go_on([1.1, then], known=False) == (best, 1)
