@@ -50,9 +50,9 @@ def through_the_valley(problem: Problem, way: Approach) -> Approach | None:
     mine = switches_of(way)
     others = [i for i in range(len(way.slots)) if i not in mine]
     switches = [way.slots[i].free for i in mine]
+    probes = [free.coordinate(free.probe) for free in switches]
     at, places = way.at.copy(), []
     for size in _SIZES:
-        probes = [free.coordinate(free.probe) for free in switches]
         at[mine] = np.copysign(np.multiply(size, probes), way.at[mine])
         at = inside(way.slots, at)
         near = approach(
