@@ -7,7 +7,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.catalogue import are_the_same
-from bench.diagnosis.state import may_be_added, share
+from bench.diagnosis.judging import share
+from bench.diagnosis.state import may_be_added
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -16,7 +16,7 @@ from bench.diagnosis.details import with_a_detail
 from bench.diagnosis.detours import other_ways, proposing
 from bench.diagnosis.fit import finish
 from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import deviance_beside, deviance_per_dof
+from bench.diagnosis.judging import deviance_beside, deviance_per_dof, is_far_off, share
 from bench.diagnosis.next_measurement import next_measurement
 from bench.diagnosis.refit import needless, refitted
 from bench.diagnosis.remainder import remainder_of
@@ -27,14 +27,7 @@ from bench.diagnosis.settling import settled
 from bench.diagnosis.sharpening import asks_for_more
 from bench.diagnosis.shortlist import ALPHA, Shortlist
 from bench.diagnosis.sizing import probe
-from bench.diagnosis.state import (
-    State,
-    can_judge,
-    is_explained,
-    is_far_off,
-    leaves_little,
-    share,
-)
+from bench.diagnosis.state import State, can_judge, is_explained, leaves_little
 from bench.diagnosis.ties import told_apart
 from bench.diagnosis.trends import clear_trends
 from bench.diagnosis.verdict import ties_of, verdict_of

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.result import Candidate
 
 __all__ = [
+    "NEARLY_ALL",
     "deviance",
     "deviance_beside",
     "deviance_per_dof",
@@ -27,9 +28,12 @@ __all__ = [
     "excess",
     "freedom",
     "heldout",
+    "is_far_off",
     "leaves_more_than_chance",
     "loss_left",
     "more_than_chance",
+    "share",
+    "share_of_loss",
     "step_of",
     "values_of",
     "worst_of",
@@ -43,6 +47,10 @@ _NINETY: Final = 1.6449
 _HEAVY: Final = 1.25
 #: A deviance that is larger by so many standard deviations than that of a true model asks for another look.
 _IN_DOUBT: Final = 2.0
+#: Above this deviance per degree of freedom straight lines do not tell the best effect.
+_FAR_OFF: Final = 1.3
+#: Share of what is too much in the deviance that is nearly all of it.
+NEARLY_ALL: Final = 0.8
 
 
 def deviance(problem: Problem, one: Fit, scale: float | None = None) -> float:
@@ -77,6 +85,11 @@ def deviance_per_dof(problem: Problem, one: Fit) -> float:
     return deviance(problem, one) / freedom(one)
 
 
+def is_far_off(problem: Problem, one: Fit) -> bool:
+    """Return whether straight lines do not tell what is missing."""
+    return deviance_per_dof(problem, one) > _FAR_OFF
+
+
 def excess(problem: Problem, one: Fit) -> float:
     """Return by how many standard deviations the deviance is larger than that of a true model."""
     return more_than_chance(deviance(problem, one), freedom(one))
@@ -90,6 +103,28 @@ def leaves_more_than_chance(problem: Problem, one: Fit) -> bool:
 def more_than_chance(squares: float, n: int) -> float:
     """Return by how many standard deviations a sum of `n` squares is larger than that of a true model's residuals."""
     return (squares - n) / math.sqrt(2.0 * n * _HEAVY)
+
+
+def share(problem: Problem, before: Fit, left: float) -> float:
+    """Return the share of what was too much in the deviance that an effect took away.
+
+    Parameters
+    ----------
+    left
+        The deviance with the effect.
+    """
+    now, n = deviance(problem, before), freedom(before)
+    return (now - left) / max(now - n, math.sqrt(2.0 * n))
+
+
+def share_of_loss(problem: Problem, before: Fit, after: Fit) -> float:
+    """Return the share of what was too much in the loss that an effect took away.
+
+    The deviance may be that of a few statistics, of which hardly anything was to be expected: an effect that lets a
+    little more be expected of them takes most of it away, and they are as wrong as before.
+    """
+    one, other, n = loss_left(problem, before), loss_left(problem, after), freedom(before)
+    return (one - other) / max(one - n, math.sqrt(2.0 * n))
 
 
 def step_of(

@@ -10,13 +10,13 @@ import numpy as np
 
 from bench.diagnosis.catalogue import is_of_few, least_share, switches
 from bench.diagnosis.fit import finish
-from bench.diagnosis.judging import deviance_beside, deviance_per_dof, loss_left
+from bench.diagnosis.judging import NEARLY_ALL, deviance_beside, deviance_per_dof, is_far_off, loss_left, share
 from bench.diagnosis.race import Raced, entrant, near_by, race
 from bench.diagnosis.sharpening import from_here, is_costly, sharpened
 from bench.diagnosis.valley import through_the_valley
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from bench.diagnosis.approach import Approach
     from bench.diagnosis.fitted import Fit
@@ -36,10 +36,10 @@ _PROMISE: Final = 20.0
 _NEARBY: Final = 2.0
 #: The seed of that, after that of the fit.
 _AGAIN: Final = 7
-#: Where all are further off than this, each may be beyond a bent valley from its minimum. The best of them goes on
-#: from where its fit has ended, so often at the most, while it is off and its error falls to this share.
+#: Where all are further off than this, and none takes away nearly all that is too much, each may be beyond a bent
+#: valley from its minimum. The best of them goes on from where its fit has ended, so often at the most, while it is
+#: off and its error falls to this share.
 _FAR: Final = 2.0
-_OFF: Final = 1.3
 _GOES_ON: Final = 4
 _FALLING: Final = 0.8
 _ON: Final = 1000
@@ -90,17 +90,25 @@ def refitted(
 
     ways = {k: one.way for k, one in enumerate(raced) if one.way is not None}
     found = {k: found_at(k, way) for k, way in ways.items()}
-    for k in sorted(ways, key=lambda k: ways[k].loss) if far_off else ():
-        if any(deviance_per_dof(problem, one.fit) <= _FAR for one in found.values()):
-            break
-        other = through_the_valley(problem, ways[k])
-        if other is not None:
-            found[k] = min(found[k], found_at(k, other), key=lambda one: one.deviance)
-    if far_off and found:
-        best = min(found, key=lambda k: found[k].deviance)
-        found[best] = _gone_on(problem, here, found[best], seed + _ON)
+    if far_off:
+        for k in sorted(ways, key=lambda k: ways[k].loss):
+            if _leads_somewhere(problem, here, found.values()):
+                break
+            other = through_the_valley(problem, ways[k])
+            if other is not None:
+                found[k] = min(found[k], found_at(k, other), key=lambda one: one.deviance)
+        if found:
+            best = min(found, key=lambda k: found[k].deviance)
+            found[best] = _gone_on(problem, here, found[best], seed + _ON)
     hopeless = frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless)
     return Refitted(tuple(found.values()), hopeless)
+
+
+def _leads_somewhere(problem: Problem, here: Fit, found: Iterable[Found]) -> bool:
+    """Return whether an effect explains the run, or nearly all of what is too much in it."""
+    return any(
+        deviance_per_dof(problem, one.fit) <= _FAR or share(problem, here, one.deviance) > NEARLY_ALL for one in found
+    )
 
 
 def _gone_on(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
@@ -110,7 +118,7 @@ def _gone_on(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
     """
     for number in range(_GOES_ON):
         known = _knows_its_numbers(problem, found.fit)
-        if known and deviance_per_dof(problem, found.fit) < _OFF:
+        if known and not is_far_off(problem, found.fit):
             break
         again = finish(problem, from_here(problem, found.fit, seed + 20 * number))
         left = deviance_beside(problem, again, here)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from bench.diagnosis.catalogue import RARE, TWINS, are_the_same
-from bench.diagnosis.judging import deviance, freedom, loss_left
+from bench.diagnosis.judging import deviance, freedom, is_far_off, loss_left, share
 from bench.diagnosis.likeness import nearer
 from bench.diagnosis.refit import Found
-from bench.diagnosis.state import can_judge, is_far_off, leaves_little, may_be_added, share
+from bench.diagnosis.state import can_judge, leaves_little, may_be_added
 from bench.diagnosis.ties import tied_with
 
 if TYPE_CHECKING:

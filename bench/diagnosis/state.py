@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.judging import deviance, deviance_per_dof, excess, freedom, heldout, loss_left
+from bench.diagnosis.judging import NEARLY_ALL, excess, heldout, is_far_off, share
 from bench.diagnosis.refit import needless
 from sim_backend.pixel.effects.light_rise_time import LightRiseTime
 from sim_backend.pixel.effects.timestamp_jitter import TimestampJitter
@@ -20,23 +20,15 @@ if TYPE_CHECKING:
     from bench.diagnosis.trends import Trend
 
 __all__ = [
-    "NEARLY_ALL",
     "State",
     "can_judge",
     "is_explained",
-    "is_far_off",
     "leaves_little",
     "may_be_added",
-    "share",
-    "share_of_loss",
 ]
 
-#: Above this deviance per degree of freedom straight lines do not tell the best effect: the shortlist is refitted.
-_FAR_OFF: Final = 1.3
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
 _EXPLAINED: Final = 3.5
-#: Share of what is too much in the deviance that is nearly all of it.
-NEARLY_ALL: Final = 0.8
 #: Times shorter than so many looks of the comparators are not told from how time is cut into samples: events that are
 #: stamped one look later, filters that go in steps. Neither tells brighter from darker, as light that rises slowly
 #: does; light that goes from one level to the other within a sample rises as if in half of it. Stamps anywhere within
@@ -69,33 +61,6 @@ def leaves_little(problem: Problem, one: Fit) -> bool:
 def is_explained(problem: Problem, state: State) -> bool:
     """Return whether a model leaves no more than chance does, and no trend."""
     return leaves_little(problem, state.fit) and not state.trends
-
-
-def is_far_off(problem: Problem, one: Fit) -> bool:
-    """Return whether straight lines do not tell what is missing."""
-    return deviance_per_dof(problem, one) > _FAR_OFF
-
-
-def share(problem: Problem, before: Fit, left: float) -> float:
-    """Return the share of what was too much in the deviance that an effect took away.
-
-    Parameters
-    ----------
-    left
-        The deviance with the effect.
-    """
-    now, n = deviance(problem, before), freedom(before)
-    return (now - left) / max(now - n, math.sqrt(2.0 * n))
-
-
-def share_of_loss(problem: Problem, before: Fit, after: Fit) -> float:
-    """Return the share of what was too much in the loss that an effect took away.
-
-    The deviance may be that of a few statistics, of which hardly anything was to be expected: an effect that lets a
-    little more be expected of them takes most of it away, and they are as wrong as before.
-    """
-    one, other, n = loss_left(problem, before), loss_left(problem, after), freedom(before)
-    return (one - other) / max(one - n, math.sqrt(2.0 * n))
 
 
 def may_be_added(problem: Problem, before: Fit, found: Found) -> bool:

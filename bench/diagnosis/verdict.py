@@ -5,7 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from bench.diagnosis.state import NEARLY_ALL, is_explained, share_of_loss
+from bench.diagnosis.judging import NEARLY_ALL, share_of_loss
+from bench.diagnosis.state import is_explained
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

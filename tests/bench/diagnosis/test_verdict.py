@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.diagnosis.fitted import Fit
-from bench.diagnosis.state import share
+from bench.diagnosis.judging import share
 from bench.diagnosis.verdict import verdict_of
 from sim_backend.pixel import PixelModel
 
