@@ -19,7 +19,7 @@ from bench.diagnosis.approach import approach, best_of
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitted import Fit
 from bench.diagnosis.looks import loss_of, shifted
-from bench.diagnosis.slopes import sample_of, samples_around, slopes
+from bench.diagnosis.slopes import Around, Unchanged, samples_around
 from bench.diagnosis.steps import inside, shown, step_from
 from bench.diagnosis.ways import directions, well_seen
 
@@ -66,6 +66,8 @@ _SHORTEST: Final = 0.02
 #: A loss per statistic above this is no matter of effort, if so many steps did not lower it.
 _HOPELESS: Final = 3.0
 _ATTEMPTS: Final = 2
+#: nor is one that is so many times the loss of another model.
+_BEATEN: Final = 2.0
 
 
 def fit(
@@ -76,16 +78,22 @@ def fit(
     return finish(problem, approach(problem, model, slots, x, seed=seed, wrong=_ANYWHERE))
 
 
-def finish(problem: Problem, near: Approach, *, precise: bool = False) -> Fit:
+def finish(
+    problem: Problem, near: Approach, *, precise: bool = False, beat: float = math.inf, known: Floats | None = None
+) -> Fit:
     """Go to the minimum with more effort, and return the fit there.
 
     Parameters
     ----------
     precise
         Of what takes long as many pixels are simulated as of the base pixel, however long that takes.
+    beat
+        The loss of the best of other models: what comes nowhere near it is not worth the effort.
+    known
+        (2, n, k) how what is expected changes by coordinate, of two sensors, if nothing has changed that.
     """
     model, slots, start = near.model, near.slots, near.start
-    there = _minimum(problem, near, precise)
+    there = _minimum(problem, near, precise, beat, known)
     here, jacobian = there.expected, there.jacobian
     x, value = _last_step(problem, here, jacobian, slots, there.at, start, _LAST if there.close else _SHORTEST)
     models = problem.models(model, slots, x)
@@ -137,12 +145,9 @@ class _Minimum:
     close: bool  #: the model is not far off
 
 
-def _minimum(problem: Problem, near: Approach, precise: bool) -> _Minimum:
+def _minimum(problem: Problem, near: Approach, precise: bool, beat: float, known: Floats | None) -> _Minimum:
     """Go from place to place; what is expected is known from all that are close by, the better the more there are."""
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
-    # A model that is far off is not worth the effort.
-    hopeless = _HOPELESS * len(problem.measured.labels)
-    close = near.loss < hopeless
     more = max(problem.cost(problem.models(model, slots, at)), 1.0) if precise else 1.0
 
     def look(x: Floats, number: int) -> tuple[Sequence[Sensor], Expectation]:
@@ -150,15 +155,14 @@ def _minimum(problem: Problem, near: Approach, precise: bool) -> _Minimum:
         return found, shifted(problem, problem.expect(found), slots, x)
 
     sensors, here = look(at, 0)
-    if close:
-        ways = well_seen(problem, model, slots, at, here, near.information, seed + 2)
-    else:
-        ways = directions(slots, at, near.information)
-    samples = samples_around(problem, model, slots, at, seed + 1, ways, (_SHARP if close else _BLUNT) * more)
-    samples.append(sample_of(problem, at, sensors))
-    jacobian = slopes(problem, slots, at, here, samples, ways)
-    visited, seen = [(at, here)], [sensors]
     least, radius = loss_of(problem, here, slots, at, start), 1.0
+    # A model that is far off is not worth the effort.
+    hopeless = _HOPELESS * len(problem.measured.labels)
+    close = near.loss < hopeless and least < _BEATEN * beat
+    around = _looked_around(problem, near, here, close, more) if known is None else Unchanged(known)
+    around.add(at, sensors)
+    jacobian = around.slopes(at, here)
+    visited, seen = [(at, here)], [sensors]
     for number in range(1, _POLISHINGS + 1 if close else 0):
         delta, gain = step_from(problem, here, jacobian, slots, at, start, radius)
         # Chance of the simulation alone promises about half a unit for each coordinate.
@@ -170,16 +174,27 @@ def _minimum(problem: Problem, near: Approach, precise: bool) -> _Minimum:
         sensors, there = look(to, number)
         after = loss_of(problem, there, slots, to, start)
         _LOG.debug("polishing, loss %.5g to %.5g, gain %.4g, at %s", least, after, gain, shown(slots, to))
-        samples.append(sample_of(problem, to, sensors))
+        around.add(to, sensors)
         visited.append((to, there))
         seen.append(sensors)
         if after < least + _doubt(there):
             at, least = to, min(least, after)
         else:
             radius *= _SHORTER
-        jacobian = slopes(problem, slots, at, next(e for x, e in visited if x is at), samples, ways)
+        jacobian = around.slopes(at, next(e for x, e in visited if x is at))
         here = pooled(problem, visited, jacobian, at)
     return _Minimum(at, here, jacobian, tuple(seen), close and least < hopeless)
+
+
+def _looked_around(problem: Problem, near: Approach, here: Expectation, close: bool, more: float) -> Around:
+    """Simulate around a place; with little effort where the model is far off."""
+    model, slots, at, seed = near.model, near.slots, near.at, near.seed + 1
+    if close:
+        ways = well_seen(problem, model, slots, at, here, near.information, seed + 2)
+    else:
+        ways = directions(slots, at, near.information)
+    samples = samples_around(problem, model, slots, at, seed + 1, ways, (_SHARP if close else _BLUNT) * more)
+    return Around(problem, slots, samples, ways)
 
 
 def _doubt(there: Expectation) -> float:

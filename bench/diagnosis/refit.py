@@ -84,12 +84,17 @@ def refitted(
         raced = [Raced(near_by(problem, one), hopeless=False) for one in entrants]
     names = [scores.probes[i].effect.id for i in candidates]
 
+    found: dict[int, Found] = {}
+
     def found_at(k: int, way: Approach) -> Found:
-        fitted = _kept(problem, here, finish(problem, way), float(scores.drop[candidates[k]]), seed + _AGAIN)
+        beat = min((loss_left(problem, one.fit) for one in found.values()), default=math.inf)
+        reached = finish(problem, way, beat=beat)
+        fitted = _kept(problem, here, reached, float(scores.drop[candidates[k]]), seed + _AGAIN)
         return Found(names[k], fitted, deviance_beside(problem, fitted, here))
 
     ways = {k: one.way for k, one in enumerate(raced) if one.way is not None}
-    found = {k: found_at(k, way) for k, way in ways.items()}
+    for k, way in ways.items():
+        found[k] = found_at(k, way)
     if far_off:
         for k in sorted(ways, key=lambda k: ways[k].loss):
             if _leads_somewhere(problem, here, found.values()):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Sample", "sample_of", "samples_around", "slopes"]
+__all__ = ["Around", "Sample", "Unchanged", "sample_of", "samples_around", "slopes"]
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,38 @@ def samples_around(
     places = [inside(slots, at + sign * way) for way in directions.T for sign in (1.0, -1.0)]
     found = problem.simulate([problem.models(model, slots, x) for x in places], seed, effort)
     return [sample_of(problem, x, sensors, i // 2) for i, (x, sensors) in enumerate(zip(places, found, strict=True))]
+
+
+@dataclass(frozen=True)
+class Around:
+    """Changes by coordinate that follow from all that was simulated around a place, and on the way from there."""
+
+    problem: Problem
+    slots: Sequence[Slot]
+    samples: list[Sample]
+    directions: Floats  #: (k, m) in which was looked
+
+    def add(self, at: Floats, sensors: Sequence[Sensor]) -> None:
+        """Take what was simulated at some coordinates into account."""
+        self.samples.append(sample_of(self.problem, at, sensors))
+
+    def slopes(self, at: Floats, here: Expectation) -> Floats:
+        """Return (2, n, k) the changes around some coordinates."""
+        return slopes(self.problem, self.slots, at, here, self.samples, self.directions)
+
+
+@dataclass(frozen=True)
+class Unchanged:
+    """Changes by coordinate that were known before, and stay so."""
+
+    known: Floats  #: (2, n, k)
+
+    def add(self, at: Floats, sensors: Sequence[Sensor]) -> None:
+        """Leave them as they are."""
+
+    def slopes(self, at: Floats, here: Expectation) -> Floats:  # noqa: ARG002
+        """Return (2, n, k) the changes, wherever that is."""
+        return self.known
 
 
 def slopes(
