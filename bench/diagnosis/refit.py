@@ -16,7 +16,7 @@ from bench.diagnosis.sharpening import from_here, is_costly, sharpened
 from bench.diagnosis.valley import through_the_valley
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from bench.diagnosis.approach import Approach
     from bench.diagnosis.fitted import Fit
@@ -83,30 +83,49 @@ def refitted(
     else:
         raced = [Raced(near_by(problem, one), hopeless=False) for one in entrants]
     names = [scores.probes[i].effect.id for i in candidates]
-
-    found: dict[int, Found] = {}
-
-    def found_at(k: int, way: Approach) -> Found:
-        beat = min((loss_left(problem, one.fit) for one in found.values()), default=math.inf)
-        reached = finish(problem, way, beat=beat)
-        fitted = _kept(problem, here, reached, float(scores.drop[candidates[k]]), seed + _AGAIN)
-        return Found(names[k], fitted, deviance_beside(problem, fitted, here))
-
     ways = {k: one.way for k, one in enumerate(raced) if one.way is not None}
+    fits = _Fits(problem, here, names, [float(scores.drop[i]) for i in candidates], seed)
     for k, way in ways.items():
-        found[k] = found_at(k, way)
+        fits.add(k, way)
     if far_off:
-        for k in sorted(ways, key=lambda k: ways[k].loss):
-            if _leads_somewhere(problem, here, found.values()):
-                break
-            other = through_the_valley(problem, ways[k])
-            if other is not None:
-                found[k] = min(found[k], found_at(k, other), key=lambda one: one.deviance)
-        if found:
-            best = min(found, key=lambda k: found[k].deviance)
-            found[best] = _gone_on(problem, here, found[best], seed + _ON)
+        fits.through_valleys(ways)
+        fits.go_on()
     hopeless = frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless)
-    return Refitted(tuple(found.values()), hopeless)
+    return Refitted(tuple(fits.found.values()), hopeless)
+
+
+class _Fits:
+    """Candidates, fitted one after the other; those that come nowhere near one before them with less effort."""
+
+    def __init__(
+        self, problem: Problem, here: Fit, names: Sequence[str], promised: Sequence[float], seed: int
+    ) -> None:  # fmt: skip
+        self._problem, self._here, self._names, self._promised, self._seed = problem, here, names, promised, seed
+        self.found: dict[int, Found] = {}
+
+    def add(self, k: int, way: Approach) -> None:
+        """Fit a candidate from some place on, and keep that if it is better than what is known of it."""
+        problem, here = self._problem, self._here
+        beat = min((loss_left(problem, one.fit) for one in self.found.values()), default=math.inf)
+        reached = finish(problem, way, beat=beat)
+        fitted = _kept(problem, here, reached, self._promised[k], self._seed + _AGAIN)
+        again = Found(self._names[k], fitted, deviance_beside(problem, fitted, here))
+        self.found[k] = min(self.found.get(k, again), again, key=lambda one: one.deviance)
+
+    def through_valleys(self, ways: Mapping[int, Approach]) -> None:
+        """Try other sizes of each, the best way first, until one leads somewhere."""
+        for k in sorted(ways, key=lambda k: ways[k].loss):
+            if _leads_somewhere(self._problem, self._here, self.found.values()):
+                break
+            other = through_the_valley(self._problem, ways[k])
+            if other is not None:
+                self.add(k, other)
+
+    def go_on(self) -> None:
+        """Fit the best of them on."""
+        if self.found:
+            best = min(self.found, key=lambda k: self.found[k].deviance)
+            self.found[best] = _gone_on(self._problem, self._here, self.found[best], self._seed + _ON)
 
 
 def _leads_somewhere(problem: Problem, here: Fit, found: Iterable[Found]) -> bool:

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.fit import moved
+from bench.diagnosis import fit as fit_module
+from bench.diagnosis.fit import finish, moved
 from bench.diagnosis.judging import error_of, values_of
 from bench.diagnosis.session import open_session
+from bench.diagnosis.sharpening import from_here
+from bench.diagnosis.slopes import samples_around
 from protocols.errors import InputError
 from protocols.points import Roi
 from sim_backend.pixel import PixelModel
@@ -43,6 +46,29 @@ def test_the_numbers_of_the_base_pixel_are_approached(point: Callable[..., Any],
         assert values[key].value == pytest.approx(true, rel=0.04), key
     assert error.response_rmse < 0.02
     assert error.deviance_per_dof < 1.3
+
+
+@pytest.mark.slow
+def test_little_is_looked_at_where_that_is_no_use(
+    point: Callable[..., Any], run_of: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing where changes by coordinate are known, and with little effort where another model is much better."""
+    window = {"roi": Roi(40, 30, 8, 8), "periods": 10}
+    efforts: list[float] = []
+
+    def around(*given: Any) -> Any:
+        efforts.append(given[-1])
+        return samples_around(*given)
+
+    with open_session([run_of([point(i, c, **window) for i, c in enumerate((0.2, 0.3, 0.6))], PIXEL, 3)]) as session:
+        found = session.fit(4)
+        monkeypatch.setattr(fit_module, "samples_around", around)
+        near = from_here(session.problem, found, 5)
+        again = finish(session.problem, near, known=found.jacobian)
+        assert (again.jacobian is found.jacobian, efforts) == (True, [])
+        finish(session.problem, near)
+        finish(session.problem, near, beat=0.1 * near.loss)
+    assert efforts[0] > 3.0 * efforts[1]
 
 
 @pytest.mark.slow
