@@ -19,7 +19,7 @@ from bench.diagnosis.approach import approach, best_of
 from bench.diagnosis.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitted import Fit
 from bench.diagnosis.looks import loss_of, shifted
-from bench.diagnosis.slopes import Around, Unchanged, samples_around
+from bench.diagnosis.slopes import Around, samples_around
 from bench.diagnosis.steps import inside, shown, step_from
 from bench.diagnosis.ways import directions, well_seen
 
@@ -67,7 +67,7 @@ _SHORTEST: Final = 0.02
 _HOPELESS: Final = 3.0
 _ATTEMPTS: Final = 2
 #: nor is one that is so many times the loss of another model.
-_BEATEN: Final = 2.0
+_BEATEN: Final = 1.5
 
 
 def fit(
@@ -78,9 +78,7 @@ def fit(
     return finish(problem, approach(problem, model, slots, x, seed=seed, wrong=_ANYWHERE))
 
 
-def finish(
-    problem: Problem, near: Approach, *, precise: bool = False, beat: float = math.inf, known: Floats | None = None
-) -> Fit:
+def finish(problem: Problem, near: Approach, *, precise: bool = False, beat: float = math.inf) -> Fit:
     """Go to the minimum with more effort, and return the fit there.
 
     Parameters
@@ -89,11 +87,9 @@ def finish(
         Of what takes long as many pixels are simulated as of the base pixel, however long that takes.
     beat
         The loss of the best of other models: what comes nowhere near it is not worth the effort.
-    known
-        (2, n, k) how what is expected changes by coordinate, of two sensors, if nothing has changed that.
     """
     model, slots, start = near.model, near.slots, near.start
-    there = _minimum(problem, near, precise, beat, known)
+    there = _minimum(problem, near, precise, beat)
     here, jacobian = there.expected, there.jacobian
     x, value = _last_step(problem, here, jacobian, slots, there.at, start, _LAST if there.close else _SHORTEST)
     models = problem.models(model, slots, x)
@@ -145,7 +141,7 @@ class _Minimum:
     close: bool  #: the model is not far off
 
 
-def _minimum(problem: Problem, near: Approach, precise: bool, beat: float, known: Floats | None) -> _Minimum:
+def _minimum(problem: Problem, near: Approach, precise: bool, beat: float) -> _Minimum:
     """Go from place to place; what is expected is known from all that are close by, the better the more there are."""
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
     more = max(problem.cost(problem.models(model, slots, at)), 1.0) if precise else 1.0
@@ -159,7 +155,9 @@ def _minimum(problem: Problem, near: Approach, precise: bool, beat: float, known
     # A model that is far off is not worth the effort.
     hopeless = _HOPELESS * len(problem.measured.labels)
     close = near.loss < hopeless and least < _BEATEN * beat
-    around = _looked_around(problem, near, here, close, more) if known is None else Unchanged(known)
+    # The larger the residuals, the less do changes need to be known to lower them.
+    effort = max(_SHARP * min(hopeless / least, 1.0), _BLUNT) if close else _BLUNT
+    around = _looked_around(problem, near, here, close, effort * more)
     around.add(at, sensors)
     jacobian = around.slopes(at, here)
     visited, seen = [(at, here)], [sensors]
@@ -186,14 +184,14 @@ def _minimum(problem: Problem, near: Approach, precise: bool, beat: float, known
     return _Minimum(at, here, jacobian, tuple(seen), close and least < hopeless)
 
 
-def _looked_around(problem: Problem, near: Approach, here: Expectation, close: bool, more: float) -> Around:
-    """Simulate around a place; with little effort where the model is far off."""
+def _looked_around(problem: Problem, near: Approach, here: Expectation, close: bool, effort: float) -> Around:
+    """Simulate around a place, to both sides of which everything is about equally well seen if it is close."""
     model, slots, at, seed = near.model, near.slots, near.at, near.seed + 1
     if close:
         ways = well_seen(problem, model, slots, at, here, near.information, seed + 2)
     else:
         ways = directions(slots, at, near.information)
-    samples = samples_around(problem, model, slots, at, seed + 1, ways, (_SHARP if close else _BLUNT) * more)
+    samples = samples_around(problem, model, slots, at, seed + 1, ways, effort)
     return Around(problem, slots, samples, ways)
 
 

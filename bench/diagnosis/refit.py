@@ -29,10 +29,10 @@ __all__ = ["Found", "Refitted", "needless", "refitted"]
 #: what else is missing is so up to the size that a search among all effects takes for more than chance.
 _NEEDED: Final = 2.0
 _STILL_NEEDED: Final = 3.3
-#: A fit is made sharper where the loss has fallen by less than this share of what was promised, if that is more than
-#: chance promises, and the loss is no larger than so many times what it was.
+#: A fit is made sharper where the loss has fallen by less than this share of what was promised, or the deviance has
+#: risen, if the promise is more than that of chance, and the loss is no larger than so many times what it was.
 _SHORT: Final = 0.5
-_PROMISE: Final = 20.0
+_PROMISE: Final = 10.0
 _NEARBY: Final = 2.0
 #: The seed of that, after that of the fit.
 _AGAIN: Final = 7
@@ -165,7 +165,9 @@ def _kept(problem: Problem, here: Fit, fitted: Fit, promised: float, seed: int) 
     Of what takes long so little is simulated that chance may hide all of a fall.
     """
     before, after = loss_left(problem, here), loss_left(problem, fitted)
-    short = promised > _PROMISE and before - after < _SHORT * promised and after < _NEARBY * before
+    # With a number more nothing is worse, but for the chance of the few pixels: there may be no hot one among them.
+    worse = deviance_beside(problem, fitted, here) > deviance_beside(problem, here, here)
+    short = promised > _PROMISE and (before - after < _SHORT * promised or worse) and after < _NEARBY * before
     if not short or not is_costly(problem, fitted):
         return fitted
     again = sharpened(problem, fitted, seed)

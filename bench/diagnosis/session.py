@@ -108,8 +108,7 @@ class Session:
             late_us = abs(problem.forward.late_us - self.problem.forward.late_us)
             if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _FAR_OFF:
                 break
-            # By numbers it changes as before: a clock is some looks fast or slow, no more.
-            again = finish(problem, from_here(problem, found, seed + 10 * number), known=found.jacobian)
+            again = finish(problem, from_here(problem, found, seed + 10 * number))
             if deviance_per_dof(problem, again) >= deviance_per_dof(self.problem, found):
                 break
             self.problem, found = problem, again

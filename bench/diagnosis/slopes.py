@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Around", "Sample", "Unchanged", "sample_of", "samples_around", "slopes"]
+__all__ = ["Around", "Sample", "sample_of", "samples_around", "slopes"]
 
 
 @dataclass(frozen=True)
@@ -78,20 +78,6 @@ class Around:
     def slopes(self, at: Floats, here: Expectation) -> Floats:
         """Return (2, n, k) the changes around some coordinates."""
         return slopes(self.problem, self.slots, at, here, self.samples, self.directions)
-
-
-@dataclass(frozen=True)
-class Unchanged:
-    """Changes by coordinate that were known before, and stay so."""
-
-    known: Floats  #: (2, n, k)
-
-    def add(self, at: Floats, sensors: Sequence[Sensor]) -> None:
-        """Leave them as they are."""
-
-    def slopes(self, at: Floats, here: Expectation) -> Floats:  # noqa: ARG002
-        """Return (2, n, k) the changes, wherever that is."""
-        return self.known
 
 
 def slopes(

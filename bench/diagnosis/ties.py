@@ -31,6 +31,8 @@ _AS_WELL: Final = 0.5
 _UNIFORM: Final = "stray_light"
 _IN_EACH: Final = "dark_current"
 _SURELY: Final = 5.0
+#: Two fitted models, one of which leaves so many times as much as the other, are not the same to the data.
+_NOT_ALIKE: Final = 2.0
 
 
 def tied_with(
@@ -60,7 +62,8 @@ def tied_with(
         if are_the_same(effect.id, best.effect, problem.points):
             apart = 0.0
         elif effect.id in rivals:
-            apart = separation(problem, best, known[effect.id], seed) if effect.id in known else math.inf
+            alike = effect.id in known and known[effect.id].deviance < _NOT_ALIKE * best.deviance
+            apart = separation(problem, best, known[effect.id], seed) if alike else math.inf
             if apart >= TIED:
                 apart = closest(problem, best, effect, seed)
         elif rivals or scores.drop[i] < _AS_WELL * scores.drop[number]:

@@ -19,9 +19,11 @@ BEFORE = SimpleNamespace(loss=750.0)
 def kept(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Any, bool]]:
     """Return a function that gives the fit that is kept, and whether a sharper one was made."""
     monkeypatch.setattr(refit, "loss_left", lambda _, one: one.loss)
-    monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: 2.0 * one.loss)
+    monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: 2.0 * one.loss + getattr(one, "rare", 0.0))
 
-    def keep(loss: float, promised: float, *, sharper: float = 690.0, costly: bool = True) -> tuple[Any, bool]:
+    def keep(
+        loss: float, promised: float, *, sharper: float = 690.0, costly: bool = True, rare: float = 0.0
+    ) -> tuple[Any, bool]:
         made: list[Any] = []
 
         def sharpened(*_: Any) -> Any:
@@ -30,7 +32,7 @@ def kept(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Any, bool]]:
 
         monkeypatch.setattr(refit, "is_costly", lambda *_: costly)
         monkeypatch.setattr(refit, "sharpened", sharpened)
-        found: Any = SimpleNamespace(loss=loss)
+        found: Any = SimpleNamespace(loss=loss, rare=rare)
         problem: Any = None
         before: Any = BEFORE
         best: Any = refit._kept(problem, before, found, promised, 1)
@@ -44,6 +46,11 @@ def test_what_falls_short_is_made_sharper(kept: Callable[..., tuple[Any, bool]],
     assert kept(loss, 60.0) == (690.0, True)
 
 
+def test_so_is_what_a_few_rare_statistics_make_worse(kept: Callable[..., tuple[Any, bool]]) -> None:
+    assert kept(715.0, 60.0, rare=120.0) == (690.0, True)
+    assert kept(715.0, 60.0, rare=20.0) == (715.0, False)
+
+
 def test_what_is_no_better_then_stays(kept: Callable[..., tuple[Any, bool]]) -> None:
     assert kept(755.0, 60.0, sharper=770.0) == (755.0, True)
 
@@ -52,7 +59,7 @@ def test_what_is_no_better_then_stays(kept: Callable[..., tuple[Any, bool]]) -> 
     ("loss", "promised", "costly"),
     [
         (715.0, 60.0, True),  # it keeps its promise
-        (755.0, 10.0, True),  # chance promises as much
+        (755.0, 9.0, True),  # chance promises as much
         (755.0, 60.0, False),  # as much was simulated as can be
         (1600.0, 60.0, True),  # it is somewhere else
     ],
