@@ -59,7 +59,7 @@ def test_what_is_no_better_then_stays(kept: Callable[..., tuple[Any, bool]]) -> 
     ("loss", "promised", "costly"),
     [
         (715.0, 60.0, True),  # it keeps its promise
-        (755.0, 9.0, True),  # chance promises as much
+        (755.0, 10.0, True),  # chance promises as much
         (755.0, 60.0, False),  # as much was simulated as can be
         (1600.0, 60.0, True),  # it is somewhere else
     ],
