@@ -37,12 +37,12 @@ def command(
 
     Example:  evs-bench compare my_run --model model.yaml
     """
-    from bench.diagnosis.axis_wording import axis_lines
-    from bench.diagnosis.by_axis import by_axis, worst_places
     from bench.diagnosis.comparison import compare
-    from bench.diagnosis.position import patterns, pixel_map
-    from bench.diagnosis.saving import comparison_dict, save_comparison
-    from bench.diagnosis.wording import comparison_lines, head_line
+    from bench.diagnosis.recorded.position import patterns, pixel_map
+    from bench.diagnosis.telling.axis_wording import axis_lines
+    from bench.diagnosis.telling.by_axis import by_axis, worst_places
+    from bench.diagnosis.telling.saving import comparison_dict, save_comparison
+    from bench.diagnosis.telling.wording import comparison_lines, head_line
     from bench.logs import LOG_FILE, log_into
 
     model = model_of(model_file)

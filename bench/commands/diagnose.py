@@ -22,10 +22,10 @@ from bench.commands.evaluating import DIAGNOSIS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bench.diagnosis.by_axis import Place
     from bench.diagnosis.comparison import ResidualsByStep
     from bench.diagnosis.diagnosis import Diagnosis
     from bench.diagnosis.result import Outcome
+    from bench.diagnosis.telling.by_axis import Place
 
 __all__ = ["command"]
 
@@ -59,10 +59,10 @@ def command(
 
     Example:  evs-bench diagnose my_run --max-effects 2
     """
-    from bench.diagnosis.by_axis import first_places
     from bench.diagnosis.comparison import residuals_by_step
     from bench.diagnosis.diagnosis import Diagnosis
-    from bench.diagnosis.wording import head_line, lines_of
+    from bench.diagnosis.telling.by_axis import first_places
+    from bench.diagnosis.telling.wording import head_line, lines_of
     from bench.logs import LOG_FILE, log_into
     from bench.report.diagnosis import PAGE
 
@@ -94,7 +94,7 @@ def _print(line: str) -> None:
 
 def _save(outcome: Outcome, residuals: ResidualsByStep, folder: Path) -> None:
     """Write all files of a diagnosis."""
-    from bench.diagnosis.saving import save_outcome
+    from bench.diagnosis.telling.saving import save_outcome
     from bench.report.diagnosis import write_diagnosis
 
     folder.mkdir(exist_ok=True)
@@ -104,10 +104,10 @@ def _save(outcome: Outcome, residuals: ResidualsByStep, folder: Path) -> None:
 
 def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None]) -> Outcome:
     """Let a person pick the effects."""
-    from bench.diagnosis.by_axis import first_places
     from bench.diagnosis.comparison import residuals_by_step
-    from bench.diagnosis.interactive import watch
-    from bench.diagnosis.wording import shortened_lines
+    from bench.diagnosis.telling.by_axis import first_places
+    from bench.diagnosis.telling.interactive import watch
+    from bench.diagnosis.telling.wording import shortened_lines
 
     def place(number: int) -> Place | None:
         return first_places(residuals_by_step(diagnosis.problem, diagnosis.fits)).get(number)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import step_of
-from bench.diagnosis.residuals import slope_of
+from bench.diagnosis.expected.gate import findings_of
+from bench.diagnosis.expected.residuals import slope_of
+from bench.diagnosis.fitting.judging import step_of
 from bench.diagnosis.session import open_session
 
 if TYPE_CHECKING:
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from bench.compute import Workforce
-    from bench.diagnosis.fitted import Fit
-    from bench.diagnosis.problem import Problem
-    from bench.diagnosis.residuals import Measured
+    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.expected.residuals import Measured
+    from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.result import Step
     from bench.diagnosis.views.base import Part
     from bench.store import Run

@@ -9,28 +9,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from bench.compute import Workforce
-from bench.diagnosis.approach import approach
-from bench.diagnosis.candidate_table import step_with_candidates
-from bench.diagnosis.catalogue import candidates
-from bench.diagnosis.details import with_a_detail
-from bench.diagnosis.detours import other_ways, proposing
-from bench.diagnosis.fit import finish
-from bench.diagnosis.gate import findings_of
-from bench.diagnosis.judging import deviance_beside, deviance_per_dof, is_far_off, share
-from bench.diagnosis.next_measurement import next_measurement
-from bench.diagnosis.refit import needless, refitted
-from bench.diagnosis.remainder import remainder_of
+from bench.diagnosis.expected.catalogue import candidates
+from bench.diagnosis.expected.gate import findings_of
+from bench.diagnosis.fitting.approach import approach
+from bench.diagnosis.fitting.details import with_a_detail
+from bench.diagnosis.fitting.fit import finish
+from bench.diagnosis.fitting.judging import deviance_beside, deviance_per_dof, is_far_off, share
+from bench.diagnosis.fitting.settling import settled
+from bench.diagnosis.fitting.sharpening import asks_for_more
 from bench.diagnosis.result import Outcome
-from bench.diagnosis.screen import score
+from bench.diagnosis.searching.candidate_table import step_with_candidates
+from bench.diagnosis.searching.detours import other_ways, proposing
+from bench.diagnosis.searching.next_measurement import next_measurement
+from bench.diagnosis.searching.refit import needless, refitted
+from bench.diagnosis.searching.remainder import remainder_of
+from bench.diagnosis.searching.screen import score
+from bench.diagnosis.searching.shortlist import ALPHA, Shortlist
+from bench.diagnosis.searching.sizing import probe
+from bench.diagnosis.searching.state import State, can_judge, is_explained, leaves_little
+from bench.diagnosis.searching.ties import told_apart
+from bench.diagnosis.searching.trends import clear_trends
+from bench.diagnosis.searching.verdict import ties_of, verdict_of
 from bench.diagnosis.session import open_session
-from bench.diagnosis.settling import settled
-from bench.diagnosis.sharpening import asks_for_more
-from bench.diagnosis.shortlist import ALPHA, Shortlist
-from bench.diagnosis.sizing import probe
-from bench.diagnosis.state import State, can_judge, is_explained, leaves_little
-from bench.diagnosis.ties import told_apart
-from bench.diagnosis.trends import clear_trends
-from bench.diagnosis.verdict import ties_of, verdict_of
 from bench.store import Run
 from protocols.errors import InputError
 
@@ -38,12 +38,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
     from types import TracebackType
 
-    from bench.diagnosis.fitted import Fit
-    from bench.diagnosis.probing import Probe, Probed
-    from bench.diagnosis.problem import Problem
-    from bench.diagnosis.refit import Found
+    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.fitting.fitted import Fit
+    from bench.diagnosis.fitting.probe import Probe
     from bench.diagnosis.result import Step, Verdict
-    from bench.diagnosis.screen import Scores
+    from bench.diagnosis.searching.probing import Probed
+    from bench.diagnosis.searching.refit import Found
+    from bench.diagnosis.searching.screen import Scores
     from bench.diagnosis.session import Session
     from sim_backend.pixel.model import PixelModel
 

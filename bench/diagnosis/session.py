@@ -8,19 +8,19 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from bench.compute import Workforce
-from bench.diagnosis.approach import approach
-from bench.diagnosis.catalogue import OF_ALL_PIXELS
-from bench.diagnosis.excerpt import ENOUGH_EVENTS, beginnings, middles, shortened_text
-from bench.diagnosis.fit import finish, fit
-from bench.diagnosis.forward import Forward
-from bench.diagnosis.in_phase import in_phase, tuned
-from bench.diagnosis.judging import deviance_per_dof
-from bench.diagnosis.parameters import ALIGNMENT
-from bench.diagnosis.phases import phases_of
-from bench.diagnosis.problem import Problem
-from bench.diagnosis.ripple import with_ripple
-from bench.diagnosis.sharpening import asks_for_more, from_here, sharpened
-from bench.diagnosis.time_grid import time_grid_us
+from bench.diagnosis.expected.catalogue import OF_ALL_PIXELS
+from bench.diagnosis.expected.forward import Forward
+from bench.diagnosis.expected.parameters import ALIGNMENT
+from bench.diagnosis.expected.phases import phases_of
+from bench.diagnosis.expected.problem import Problem
+from bench.diagnosis.fitting.approach import approach
+from bench.diagnosis.fitting.fit import finish, fit
+from bench.diagnosis.fitting.in_phase import in_phase, tuned
+from bench.diagnosis.fitting.judging import deviance_per_dof
+from bench.diagnosis.fitting.sharpening import asks_for_more, from_here, sharpened
+from bench.diagnosis.recorded.excerpt import ENOUGH_EVENTS, beginnings, middles, shortened_text
+from bench.diagnosis.recorded.ripple import with_ripple
+from bench.diagnosis.recorded.time_grid import time_grid_us
 from bench.models.simulation import on_sensor
 from protocols.errors import InputError
 from sim_backend.pixel.effects.light_flicker import LightFlicker
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from bench.diagnosis.fitted import Fit
-    from bench.diagnosis.problem import Slot
+    from bench.diagnosis.expected.problem import Slot
+    from bench.diagnosis.fitting.fitted import Fit
     from bench.store import Run
     from bench.store.data import PointData
 
@@ -48,7 +48,7 @@ _SAME_HZ: Final = 1e-3
 #: Events are simulated later or earlier where a fit says so by as much, us, and is not so far off that its offset
 #: stands in for something else; so often.
 _LATE_US: Final = 3
-_FAR_OFF: Final = 1.5
+_STANDS_IN: Final = 1.5
 _ROUNDS: Final = 2
 #: A fit is made sharper so often at the most, until its error has not fallen by this share so often in a row.
 _SHARPENINGS: Final = 5
@@ -106,7 +106,7 @@ class Session:
         for number in range(_ROUNDS):
             problem = _in_time(self.problem, found.slots, found.x)
             late_us = abs(problem.forward.late_us - self.problem.forward.late_us)
-            if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _FAR_OFF:
+            if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _STANDS_IN:
                 break
             again = finish(problem, from_here(problem, found, seed + 10 * number))
             if deviance_per_dof(problem, again) >= deviance_per_dof(self.problem, found):

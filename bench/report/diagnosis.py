@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.quantities import number_text
-from bench.diagnosis.reading import BINS_FILE, JSON_FILE, read_bins, read_outcome
-from bench.diagnosis.wording import (
+from bench.diagnosis.telling.quantities import number_text
+from bench.diagnosis.telling.reading import BINS_FILE, JSON_FILE, read_bins, read_outcome
+from bench.diagnosis.telling.wording import (
     apart_line,
     p_text,
     remainder_text,
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from bench.diagnosis.by_axis import Bin
     from bench.diagnosis.result import Candidate, Outcome
+    from bench.diagnosis.telling.by_axis import Bin
     from bench.report.page import Shown
 
 __all__ = ["PAGE", "DiagnosisSection", "diagnosis_pictures", "diagnosis_section", "write_diagnosis"]

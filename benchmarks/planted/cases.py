@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from bench.diagnosis.catalogue import NEEDS_KNOWN_THRESHOLDS, free_of, switches
+from bench.diagnosis.expected.catalogue import NEEDS_KNOWN_THRESHOLDS, free_of, switches
 from benchmarks.planted.strange_effects import STRANGE
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.registry import effect_from_dict, effects
 
 if TYPE_CHECKING:
-    from bench.diagnosis.parameters import Free
+    from bench.diagnosis.expected.parameters import Free
     from sim_backend.pixel.effects import Effect
 
 __all__ = ["KINDS", "Case", "Kind", "Plan", "cases", "dozen", "known_effects", "plantable"]

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import free_of
-from bench.diagnosis.parameters import base_parameters, get, move, put
+from bench.diagnosis.expected.catalogue import free_of
+from bench.diagnosis.expected.parameters import base_parameters, get, move, put
 from benchmarks.planted.falls import beside, fall, taken_up, uncertainty
 from benchmarks.planted.truth import TIMING_US
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from bench.diagnosis.parameters import Free
+    from bench.diagnosis.expected.parameters import Free
     from benchmarks.planted.falls import Pair
     from benchmarks.planted.truth import Truth
     from sim_backend.pixel import PixelModel

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.catalogue import candidates, sized, switches
+from bench.diagnosis.expected.catalogue import candidates, sized, switches
 from benchmarks.planted.falls import beside, fall, taken_up
 from benchmarks.planted.truth import SLOW
 

@@ -17,7 +17,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.catalogue import switches
+from bench.diagnosis.expected.catalogue import switches
 from benchmarks.planted.falls import fall
 from benchmarks.planted.following import Place, changes_by, least_left, left_along
 from benchmarks.planted.mimics import nearest

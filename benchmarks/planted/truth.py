@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.forward import engine_of
-from bench.diagnosis.recording import Frame, Recording
-from bench.diagnosis.residuals import expectation, measured
-from bench.diagnosis.summary import add, summarise
+from bench.diagnosis.expected.forward import engine_of
+from bench.diagnosis.expected.residuals import expectation, measured
+from bench.diagnosis.recorded.recording import Frame, Recording
+from bench.diagnosis.recorded.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import on_sensor, recording_seed, simulate_point
 from benchmarks.planted.falls import believed
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from bench.diagnosis.residuals import Measured
-    from bench.diagnosis.summary import Summary
+    from bench.diagnosis.expected.residuals import Measured
+    from bench.diagnosis.recorded.summary import Summary
     from bench.store.data import PointData
     from benchmarks.planted.cases import Case
     from benchmarks.planted.falls import Pair

@@ -11,7 +11,7 @@ from bench.diagnosis.views.base import Statistic, View
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bench.diagnosis.recording import Recording
+    from bench.diagnosis.recorded.recording import Recording
 
 __all__ = ["Burst", "Neighbours", "Outliers"]
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from bench.diagnosis.recording import Recording
+    from bench.diagnosis.recorded.recording import Recording
 
 __all__ = ["Background", "BackgroundHalves", "BackgroundSpread", "Intervals", "Regularity", "SamePolarity"]
 

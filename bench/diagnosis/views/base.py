@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from bench.diagnosis.recording import Recording
+    from bench.diagnosis.recorded.recording import Recording
 
 __all__ = ["Kind", "Part", "Statistic", "View"]
 

@@ -12,7 +12,7 @@ from bench.diagnosis.views.base import Statistic, View
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bench.diagnosis.recording import Recording
+    from bench.diagnosis.recorded.recording import Recording
     from bench.diagnosis.views.base import Part
 
 __all__ = ["Locked", "LockedAcross"]

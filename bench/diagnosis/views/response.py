@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from bench.diagnosis.recording import Answers, Recording
+    from bench.diagnosis.recorded.recording import Answers, Recording
     from bench.diagnosis.views.base import Kind
 
 __all__ = ["ExtraEvents", "OtherPolarity", "Response"]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from bench.diagnosis.recording import Answers, Recording
+    from bench.diagnosis.recorded.recording import Answers, Recording
 
 __all__ = ["CommonMode", "Halves", "PixelSpread", "Succession"]
 

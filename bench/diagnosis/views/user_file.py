@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
 
-    from bench.diagnosis.recording import Recording
+    from bench.diagnosis.recorded.recording import Recording
 
 __all__ = ["ViewSource", "read_view_file"]
 

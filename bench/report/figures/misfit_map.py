@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.axis_wording import axis_title, bin_label
-from bench.diagnosis.by_axis import ALL_VIEWS
+from bench.diagnosis.telling.axis_wording import axis_title, bin_label
+from bench.diagnosis.telling.by_axis import ALL_VIEWS
 from bench.report.figures import style
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from matplotlib.figure import Figure
 
-    from bench.diagnosis.by_axis import Bin
+    from bench.diagnosis.telling.by_axis import Bin
 
 __all__ = ["MisfitMapNumbers", "draw", "prepare"]
 

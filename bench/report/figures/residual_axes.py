@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.axis_wording import axis_title, bin_label
-from bench.diagnosis.by_axis import ALL_VIEWS, AXES
+from bench.diagnosis.telling.axis_wording import axis_title, bin_label
+from bench.diagnosis.telling.by_axis import ALL_VIEWS, AXES
 from bench.report.figures import style
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from bench.diagnosis.by_axis import Bin
+    from bench.diagnosis.telling.by_axis import Bin
 
 __all__ = ["Panel", "ResidualAxesNumbers", "draw", "prepare"]
 

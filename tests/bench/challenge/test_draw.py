@@ -8,7 +8,7 @@ import pytest
 
 from bench.challenge.draw import LEVELS, Level, draw
 from bench.challenge.sizes import ALIKE, NOT_TO_BE_FOUND, SIZES
-from bench.diagnosis.catalogue import free_of
+from bench.diagnosis.expected.catalogue import free_of
 from sim_backend.pixel.effects import effect_from_dict, effects
 
 SEEDS = range(300)

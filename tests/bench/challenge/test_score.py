@@ -12,7 +12,7 @@ from bench import cli
 from bench.challenge.folder import make_challenge, read_truth
 from bench.challenge.score import read_diagnosis, score
 from bench.challenge.truth import Truth
-from bench.diagnosis.parameters import base_parameters
+from bench.diagnosis.expected.parameters import base_parameters
 from bench.diagnosis.result import Error, Outcome, Step, Value
 from bench.station.bias_map import BiasCurve, BiasMap
 from protocols.errors import InputError

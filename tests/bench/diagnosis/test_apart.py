@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from bench.diagnosis.apart import product, surely
+from bench.diagnosis.searching.apart import product, surely
 
 _TRIALS, _TIMES, _STATISTICS = 400, 4, 200
 

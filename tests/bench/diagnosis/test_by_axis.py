@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.by_axis import ALL_VIEWS, by_axis, worst_places
 from bench.diagnosis.comparison import Residual
+from bench.diagnosis.telling.by_axis import ALL_VIEWS, by_axis, worst_places
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bench.diagnosis import refit
+from bench.diagnosis.searching import refit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

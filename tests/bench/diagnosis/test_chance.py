@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.chance import pooled, scale_of
+from bench.diagnosis.fitting.chance import pooled, scale_of
 from bench.diagnosis.session import open_session
 from protocols.points import Roi
 from sim_backend.pixel import PixelModel
@@ -15,7 +15,7 @@ from sim_backend.pixel import PixelModel
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.expected.problem import Problem
 
 PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from bench.diagnosis.cloud import Cloud, Place, around
+from bench.diagnosis.fitting.cloud import Cloud, Place, around
 
 if TYPE_CHECKING:
     import numpy.typing as npt

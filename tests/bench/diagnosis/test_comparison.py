@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.by_axis import by_axis
 from bench.diagnosis.comparison import Comparison, compare
-from bench.diagnosis.position import patterns, pixel_map
-from bench.diagnosis.saving import comparison_dict, save_comparison
-from bench.diagnosis.wording import comparison_lines
+from bench.diagnosis.recorded.position import patterns, pixel_map
+from bench.diagnosis.telling.by_axis import by_axis
+from bench.diagnosis.telling.saving import comparison_dict, save_comparison
+from bench.diagnosis.telling.wording import comparison_lines
 from sim_backend.pixel import PixelModel, read_model_file
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bench.diagnosis import details
-from bench.diagnosis.catalogue import details_of, free_of, numbers_of
-from bench.diagnosis.details import with_a_detail
-from bench.diagnosis.judging import deviance_per_dof, values_of
+from bench.diagnosis.expected.catalogue import details_of, free_of, numbers_of
+from bench.diagnosis.fitting import details
+from bench.diagnosis.fitting.details import with_a_detail
+from bench.diagnosis.fitting.judging import deviance_per_dof, values_of
 from bench.diagnosis.session import open_session
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import DarkCurrent, Leak
@@ -18,8 +18,8 @@ from sim_backend.pixel.effects.registry import effects
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bench.diagnosis.fitted import Fit
-    from bench.diagnosis.problem import Problem
+    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.fitting.fitted import Fit
 
 ROUGHLY = PixelModel(theta_on=0.3, theta_off=0.25, noise_rms=0.04, corner_hz=150.0, refractory_s=8e-3)
 POINTS = ((0.2, 0.3), (0.2, 0.5), (0.2, 0.8), (0.2, 1.2), (100.0, 0.0), (100.0, 0.25), (100.0, 0.35), (100.0, 0.8))

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 
-from bench.diagnosis.catalogue import details_of, free_of
-from bench.diagnosis.drawn import drawn_variance
-from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.problem import Slot
+from bench.diagnosis.expected.catalogue import details_of, free_of
+from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.drawn import drawn_variance
 from sim_backend.pixel.effects.registry import effects
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.catalogue import candidates
-from bench.diagnosis.excerpt import beginnings, middles, shortened_text
-from bench.diagnosis.recording import Frame, Recording
+from bench.diagnosis.expected.catalogue import candidates
+from bench.diagnosis.recorded.excerpt import beginnings, middles, shortened_text
+from bench.diagnosis.recorded.recording import Frame, Recording
+from bench.diagnosis.recorded.summary import summarise
 from bench.diagnosis.session import open_session
-from bench.diagnosis.summary import summarise
 from bench.diagnosis.views.registry import views
 from drivers.events.types import EVENT_DTYPE
 from protocols.points import Roi

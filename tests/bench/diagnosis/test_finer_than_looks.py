@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.catalogue import free_of
-from bench.diagnosis.state import can_judge
+from bench.diagnosis.expected.catalogue import free_of
+from bench.diagnosis.searching.state import can_judge
 from sim_backend.pixel.effects.comparator_delay import ComparatorDelay
 from sim_backend.pixel.effects.leak import Leak
 from sim_backend.pixel.effects.light_rise_time import LightRiseTime

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import fit as fit_module
-from bench.diagnosis.fit import finish, moved
-from bench.diagnosis.judging import error_of, values_of
+from bench.diagnosis.fitting import fit as fit_module
+from bench.diagnosis.fitting.fit import finish, moved
+from bench.diagnosis.fitting.judging import error_of, values_of
+from bench.diagnosis.fitting.sharpening import from_here
+from bench.diagnosis.fitting.slopes import samples_around
 from bench.diagnosis.session import open_session
-from bench.diagnosis.sharpening import from_here
-from bench.diagnosis.slopes import samples_around
 from protocols.errors import InputError
 from protocols.points import Roi
 from sim_backend.pixel import PixelModel

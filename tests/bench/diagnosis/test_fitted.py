@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.diagnosis.fitted import Fit
-from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.problem import Slot
+from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.fitted import Fit
 from sim_backend.pixel import PixelModel
 
 POINTS, EACH = 25, 8

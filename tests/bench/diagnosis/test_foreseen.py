@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.compute import Workforce
-from bench.diagnosis.foreseen import apart_at, planned_points
+from bench.diagnosis.searching.foreseen import apart_at, planned_points
 from bench.diagnosis.session import open_session
 from protocols import load_protocol
 from protocols.points import Roi

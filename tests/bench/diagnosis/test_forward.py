@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.forward import Task, _Pixels, _Taken, sensors_of
-from bench.diagnosis.recording import Frame
+from bench.diagnosis.expected.forward import Task, _Pixels, _Taken, sensors_of
+from bench.diagnosis.recorded.recording import Frame
 from bench.diagnosis.views.registry import VIEWS
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, LightFlicker, ThresholdMismatch

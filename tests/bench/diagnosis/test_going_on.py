@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from bench.diagnosis.diagnosis import Diagnosis
-from bench.diagnosis.parameters import Free
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.refit import needless
+from bench.diagnosis.expected.parameters import Free
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.searching.refit import needless
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import DarkCurrent, HotPixels
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bench.diagnosis.interactive import Choice, choose, watch
+from bench.diagnosis.telling.interactive import Choice, choose, watch
 from protocols.errors import InputError
 
 if TYPE_CHECKING:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.catalogue import free_of
-from bench.diagnosis.fitted import Fit
-from bench.diagnosis.likeness import TIED, closest, nearer, separation
-from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.problem import Change, Slot
-from bench.diagnosis.refit import Found
+from bench.diagnosis.expected.catalogue import free_of
+from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.problem import Change, Slot
+from bench.diagnosis.fitting.fitted import Fit
+from bench.diagnosis.searching.likeness import TIED, closest, nearer, separation
+from bench.diagnosis.searching.refit import Found
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.dark_current import DarkCurrent
 from sim_backend.pixel.effects.leak import Leak

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bench.diagnosis import next_measurement as module
-from bench.diagnosis.next_measurement import next_measurement, protocol_for
+from bench.diagnosis.searching import next_measurement as module
+from bench.diagnosis.searching.next_measurement import next_measurement, protocol_for
 from protocols import load_protocol
 from sim_backend.pixel.effects.registry import effects
 

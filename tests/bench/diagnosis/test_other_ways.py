@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import detours, diagnosis, refit, shortlist
+from bench.diagnosis import diagnosis
 from bench.diagnosis.diagnosis import Diagnosis
-from bench.diagnosis.shortlist import Shortlist
-from bench.diagnosis.verdict import ties_of
+from bench.diagnosis.searching import detours, refit, shortlist
+from bench.diagnosis.searching.shortlist import Shortlist
+from bench.diagnosis.searching.verdict import ties_of
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak
 

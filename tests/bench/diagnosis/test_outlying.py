@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.outlying import outlying_rate_hz
+from bench.diagnosis.recorded.outlying import outlying_rate_hz
 
 if TYPE_CHECKING:
     from collections.abc import Callable

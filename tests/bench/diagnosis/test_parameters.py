@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from bench.diagnosis.catalogue import candidates, free_of, probe_of
-from bench.diagnosis.parameters import base_parameters, move, put
+from bench.diagnosis.expected.catalogue import candidates, free_of, probe_of
+from bench.diagnosis.expected.parameters import base_parameters, move, put
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import DarkCurrent
 from sim_backend.pixel.effects.registry import effects

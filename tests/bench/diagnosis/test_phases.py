@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import in_phase as in_phase_module
-from bench.diagnosis import phase_search
 from bench.diagnosis import session as session_module
-from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.phase_search import sharper_phases
-from bench.diagnosis.phases import phases_of, with_phases
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.recording import Frame, Recording
-from bench.diagnosis.ripple import locked, with_ripple
+from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.phases import phases_of, with_phases
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting import in_phase as in_phase_module
+from bench.diagnosis.fitting import phase_search
+from bench.diagnosis.fitting.phase_search import sharper_phases
+from bench.diagnosis.recorded.recording import Frame, Recording
+from bench.diagnosis.recorded.ripple import locked, with_ripple
+from bench.diagnosis.recorded.summary import summarise
 from bench.diagnosis.session import open_session
-from bench.diagnosis.summary import summarise
 from bench.diagnosis.views.locked import Locked, LockedAcross
 from bench.models.simulation import on_sensor
 from sim_backend.pixel import PixelModel

@@ -12,10 +12,10 @@ import pytest
 
 from bench.compute.local import InProcess
 from bench.diagnosis import session
-from bench.diagnosis.forward import Forward, Task, _Pixels, _Taken
-from bench.diagnosis.parameters import time_offset
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.recording import Frame
+from bench.diagnosis.expected.forward import Forward, Task, _Pixels, _Taken
+from bench.diagnosis.expected.parameters import time_offset
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.recorded.recording import Frame
 from bench.diagnosis.session import Session
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import Leak, LightFlicker

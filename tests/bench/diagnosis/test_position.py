@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.position import patterns, pixel_map
+from bench.diagnosis.recorded.position import patterns, pixel_map
 from protocols.points import Roi
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.probing import reliable, sizes_for
-from bench.diagnosis.problem import Change
+from bench.diagnosis.expected.problem import Change
+from bench.diagnosis.searching.probing import reliable, sizes_for
 from sim_backend.pixel.effects.registry import effects
 
 N = 400

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import race as module
-from bench.diagnosis.approach import Approach
-from bench.diagnosis.catalogue import switches
-from bench.diagnosis.cloud import Cloud, Place
-from bench.diagnosis.parameters import Free, base_parameters
-from bench.diagnosis.probing import Probe
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.race import near_by, race
+from bench.diagnosis.expected.catalogue import switches
+from bench.diagnosis.expected.parameters import Free, base_parameters
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.approach import Approach
+from bench.diagnosis.fitting.cloud import Cloud, Place
+from bench.diagnosis.fitting.probe import Probe
+from bench.diagnosis.searching import race as module
+from bench.diagnosis.searching.race import near_by, race
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import DarkCurrent, Leak, LowFrequencyNoise, StrayLight
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from bench.diagnosis.residuals import expectation, measured
-from bench.diagnosis.summary import Label, Summary
+from bench.diagnosis.expected.residuals import expectation, measured
+from bench.diagnosis.recorded.summary import Label, Summary
 
 LABEL = Label(0, "latency", "on", "mean", "ln", 1.0, 0.4, 0.05, 0.0, 0.0, False, False)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.ripple import ripple_hz
+from bench.diagnosis.recorded.ripple import ripple_hz
 
 SECONDS = 10.0
 

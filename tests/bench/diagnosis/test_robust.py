@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.diagnosis.robust import loss, positive, solve, without
+from bench.diagnosis.fitting.robust import loss, positive, solve, without
 
 RNG = np.random.default_rng(11)
 OPEN = np.full(2, 1e9)

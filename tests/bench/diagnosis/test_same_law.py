@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.forward import Task, sensors_of
-from bench.diagnosis.same_law import representatives
+from bench.diagnosis.expected.forward import Task, sensors_of
+from bench.diagnosis.expected.same_law import representatives
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.dark_current import DarkCurrent
 from sim_backend.pixel.effects.leak import Leak

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bench.diagnosis.by_axis import by_axis
-from bench.diagnosis.reading import read_bins, read_outcome
 from bench.diagnosis.result import Remainder
-from bench.diagnosis.saving import save_outcome
+from bench.diagnosis.telling.by_axis import by_axis
+from bench.diagnosis.telling.reading import read_bins, read_outcome
+from bench.diagnosis.telling.saving import save_outcome
 from protocols.errors import InputError
 from sim_backend.pixel import read_model_file
 

@@ -11,12 +11,12 @@ import numpy.typing as npt
 import pytest
 from scipy.stats import norm
 
-from bench.diagnosis.catalogue import switches
-from bench.diagnosis.fitted import Fit
-from bench.diagnosis.parameters import base_parameters, time_offset
-from bench.diagnosis.probing import Probe
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.screen import score
+from bench.diagnosis.expected.catalogue import switches
+from bench.diagnosis.expected.parameters import base_parameters, time_offset
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.fitted import Fit
+from bench.diagnosis.fitting.probe import Probe
+from bench.diagnosis.searching.screen import score
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.registry import effects
 

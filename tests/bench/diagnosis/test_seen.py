@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import robust
-from bench.diagnosis.seen import best_seen
+from bench.diagnosis.fitting import robust
+from bench.diagnosis.searching.seen import best_seen
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.registry import effects
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import settling
-from bench.diagnosis.judging import more_than_chance
-from bench.diagnosis.parameters import Free
-from bench.diagnosis.problem import Slot
+from bench.diagnosis.expected.parameters import Free
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting import settling
+from bench.diagnosis.fitting.judging import more_than_chance
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import LowFrequencyNoise
 

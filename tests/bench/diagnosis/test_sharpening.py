@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bench.diagnosis import session, sharpening
+from bench.diagnosis import session
+from bench.diagnosis.fitting import sharpening
+from bench.diagnosis.fitting.sharpening import asks_for_more
 from bench.diagnosis.session import Session
-from bench.diagnosis.sharpening import asks_for_more
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

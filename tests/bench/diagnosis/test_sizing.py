@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import probing, sizing
-from bench.diagnosis.catalogue import switches
-from bench.diagnosis.explaining import explain
-from bench.diagnosis.fitted import Fit
-from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.probing import Probe, well_sized
-from bench.diagnosis.problem import Slot
+from bench.diagnosis.expected.catalogue import switches
+from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.explaining import explain
+from bench.diagnosis.fitting.fitted import Fit
+from bench.diagnosis.fitting.probe import Probe
+from bench.diagnosis.searching import probing, sizing
+from bench.diagnosis.searching.probing import well_sized
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.registry import effects
 

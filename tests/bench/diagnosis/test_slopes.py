@@ -8,10 +8,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bench.diagnosis.parameters import Free
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.slopes import Sample, slopes
-from bench.diagnosis.steps import inside
+from bench.diagnosis.expected.parameters import Free
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.slopes import Sample, slopes
+from bench.diagnosis.fitting.steps import inside
 
 #: What can be measured changes evenly with both, but for a bend with the first.
 _SLOPE = np.array([[3.0, -1.0], [2.0, 5.0], [0.0, 4.0]])

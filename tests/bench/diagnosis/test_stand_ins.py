@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.diagnosis.catalogue import free_of
-from bench.diagnosis.fitted import Fit
-from bench.diagnosis.judging import deviance
-from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.refit import Found
-from bench.diagnosis.state import may_be_added
+from bench.diagnosis.expected.catalogue import free_of
+from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.fitted import Fit
+from bench.diagnosis.fitting.judging import deviance
+from bench.diagnosis.searching.refit import Found
+from bench.diagnosis.searching.state import may_be_added
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.leak import Leak
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.recording import Frame, Recording
-from bench.diagnosis.residuals import measured
-from bench.diagnosis.start import Guess, guesses
-from bench.diagnosis.summary import summarise
+from bench.diagnosis.expected.residuals import measured
+from bench.diagnosis.expected.start import Guess, guesses
+from bench.diagnosis.recorded.recording import Frame, Recording
+from bench.diagnosis.recorded.summary import summarise
 from bench.diagnosis.views.registry import VIEWS
 from sim_backend.pixel import PixelModel
 

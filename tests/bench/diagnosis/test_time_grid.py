@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bench.diagnosis.time_grid import time_grid_us
+from bench.diagnosis.recorded.time_grid import time_grid_us
 
 RNG = np.random.default_rng(3)
 

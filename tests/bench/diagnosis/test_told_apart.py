@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.catalogue import details_of, free_of
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.ties import told_apart
+from bench.diagnosis.expected.catalogue import details_of, free_of
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.searching.ties import told_apart
 from sim_backend.pixel.effects import DarkCurrent
 
 PROBLEM: Any = SimpleNamespace(measured=SimpleNamespace(points=()))

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bench.diagnosis.fitted import Fit
-from bench.diagnosis.parameters import base_parameters
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.state import leaves_little
-from bench.diagnosis.summary import Label
-from bench.diagnosis.trends import Trend, clear_trends
+from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.fitted import Fit
+from bench.diagnosis.recorded.summary import Label
+from bench.diagnosis.searching.state import leaves_little
+from bench.diagnosis.searching.trends import Trend, clear_trends
 from sim_backend.pixel import PixelModel
 
 if TYPE_CHECKING:

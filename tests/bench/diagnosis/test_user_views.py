@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.recording import Frame, Recording
-from bench.diagnosis.summary import summarise
+from bench.diagnosis.recorded.recording import Frame, Recording
+from bench.diagnosis.recorded.summary import summarise
 from bench.diagnosis.views.registry import (
     VIEWS,
     forget_view_files,

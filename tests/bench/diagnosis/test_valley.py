@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis import refit, valley
-from bench.diagnosis.approach import Approach
-from bench.diagnosis.cloud import Cloud
-from bench.diagnosis.parameters import Free
-from bench.diagnosis.problem import Slot
+from bench.diagnosis.expected.parameters import Free
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting.approach import Approach
+from bench.diagnosis.fitting.cloud import Cloud
+from bench.diagnosis.searching import refit, valley
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import ResetNoise
 

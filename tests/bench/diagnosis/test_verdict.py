@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.fitted import Fit
-from bench.diagnosis.judging import share
-from bench.diagnosis.verdict import verdict_of
+from bench.diagnosis.fitting.fitted import Fit
+from bench.diagnosis.fitting.judging import share
+from bench.diagnosis.searching.verdict import verdict_of
 from sim_backend.pixel import PixelModel
 
 N = 400

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.recording import Frame, Recording
-from bench.diagnosis.residuals import expectation, measured
-from bench.diagnosis.summary import summarise
+from bench.diagnosis.expected.residuals import expectation, measured
+from bench.diagnosis.recorded.recording import Frame, Recording
+from bench.diagnosis.recorded.summary import summarise
 from bench.diagnosis.views.registry import VIEWS
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import ThresholdMismatch
@@ -19,7 +19,7 @@ from sim_backend.pixel.effects import ThresholdMismatch
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bench.diagnosis.summary import Summary
+    from bench.diagnosis.recorded.summary import Summary
 
 PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
 PIXELS = 64

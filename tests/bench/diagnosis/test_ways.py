@@ -8,11 +8,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bench.diagnosis import ways
-from bench.diagnosis.parameters import Free
-from bench.diagnosis.problem import Slot
-from bench.diagnosis.slopes import Sample
-from bench.diagnosis.steps import inside, longest_of
+from bench.diagnosis.expected.parameters import Free
+from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.fitting import ways
+from bench.diagnosis.fitting.slopes import Sample
+from bench.diagnosis.fitting.steps import inside, longest_of
 
 #: So many statistics; two numbers do nearly the same to them, a third one hardly anything.
 N = 60

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bench.diagnosis.axis_wording import axis_lines
-from bench.diagnosis.by_axis import Change, by_axis, worst_places
-from bench.diagnosis.quantities import number_text, quantity
 from bench.diagnosis.result import Outcome, Remainder, Value
-from bench.diagnosis.wording import (
+from bench.diagnosis.telling.axis_wording import axis_lines
+from bench.diagnosis.telling.by_axis import Change, by_axis, worst_places
+from bench.diagnosis.telling.quantities import number_text, quantity
+from bench.diagnosis.telling.wording import (
     apart_line,
     change_text,
     fall_line,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.by_axis import Bin, by_axis
-from bench.diagnosis.saving import save_outcome
+from bench.diagnosis.telling.by_axis import Bin, by_axis
+from bench.diagnosis.telling.saving import save_outcome
 from bench.report import write_report
 from bench.report.diagnosis import diagnosis_pictures, diagnosis_section, write_diagnosis
 from bench.report.figures import error_fall, misfit_map, ranking, residual_axes

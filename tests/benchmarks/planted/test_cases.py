@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from bench.diagnosis.catalogue import NEEDS_KNOWN_THRESHOLDS
+from bench.diagnosis.expected.catalogue import NEEDS_KNOWN_THRESHOLDS
 from benchmarks.planted.cases import KINDS, cases, dozen, plantable
 from benchmarks.planted.strange_effects import STRANGE
 from sim_backend.pixel.effects.registry import effects

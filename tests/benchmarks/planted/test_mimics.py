@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from bench.diagnosis.catalogue import sized
+from bench.diagnosis.expected.catalogue import sized
 from benchmarks.planted import mimics
 from sim_backend.pixel.effects.registry import effects
 

@@ -43,7 +43,7 @@ def test_an_effect_of_ones_own_is_found_once_it_is_known(tmp_path: Path, effect_
     run = make_run(Case("outside", 0, 77, model, (), True, 17.3e-6, PLAN), tmp_path / "run")
 
     forget_effect_files()
-    with Diagnosis(run) as unaware:
+    with Diagnosis(run, workers=2) as unaware:  # all candidates are tried in full: the longest test by far
         outcome = unaware.run()
     assert outcome.verdict == "unexplained"
     assert outcome.missing == ()

@@ -1,0 +1,265 @@
+"""A run, the model's free numbers, and the simulations that lie between them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from bench.diagnosis.expected.catalogue import cost_of, least_share, numbers_of
+from bench.diagnosis.expected.parameters import ALIGNMENT, Free, base_parameters, put, time_offset
+from bench.diagnosis.expected.phases import with_phases
+from bench.diagnosis.expected.residuals import Measured, expectation, measured
+from bench.diagnosis.expected.same_law import representatives
+from bench.diagnosis.expected.start import Guess, guesses
+from bench.diagnosis.recorded.excerpt import ENOUGH_EVENTS
+from bench.diagnosis.recorded.outlying import outlying_rate_hz
+from bench.diagnosis.recorded.recording import Frame, Recording
+from bench.diagnosis.recorded.summary import add, summarise
+from bench.diagnosis.views.registry import views
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterator, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.expected.forward import Forward, Sensor
+    from bench.diagnosis.expected.residuals import Expectation
+    from bench.diagnosis.recorded.summary import Label
+    from bench.store.data import PointData
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Problem", "Slot", "settings_of"]
+
+#: What may differ between settings of the camera; the noise is taken to be that of the pixel.
+_OF_A_SETTING: Final = frozenset({"thresholds", "source_follower_bandwidth", "refractory_period"})
+
+#: Sensors that are simulated at the least: what differs between them is chance.
+_SENSORS: Final = 2
+#: Runs that are simulated of a model, at the least and at the most.
+_LEAST: Final = 0.0625
+_MOST: Final = 24.0
+
+#: Times are known no better than this beside the stimulus.
+_TIMING_S: Final = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A free number, of all points or of those at one setting."""
+
+    free: Free
+    setting: int | None = None
+
+    def key(self, settings: int) -> str:
+        """Return its name in results; the setting is named where there are several."""
+        return self.free.key if self.setting is None or settings == 1 else f"{self.free.key}@{self.setting}"
+
+
+def settings_of(points: Sequence[PointData]) -> list[int]:
+    """Return for each point the number of its setting of the camera: points of one share thresholds and corner."""
+    known: dict[Hashable, int] = {}
+    return [known.setdefault((tuple(sorted(p.bias.items())), repr(p.refractory_s)), len(known)) for p in points]
+
+
+def _blurred(labels: Sequence[Label], ratio: Floats, blur_s: float) -> tuple[Label, ...]:
+    """Return the labels; the logarithms of latencies are known no better than this difference of times allows."""
+    found, share = [], 0.0
+    for label, value in zip(labels, ratio, strict=True):
+        least = label.least
+        if label.view == "latency":
+            share = blur_s * math.exp(-value) if np.isfinite(value) else 0.0
+            least = share
+        elif label.view == "latency_spread":
+            least = share**2
+        found.append(replace(label, least=least))
+    return tuple(found)
+
+
+def _by_eye(points: Sequence[PointData]) -> dict[str, dict[str, float]]:
+    """Return numbers of effects that show without a model."""
+    found = {}
+    ripples = [float(p.attributes["ripple_hz"]) for p in points if "ripple_hz" in p.attributes]
+    if ripples:
+        found["light_flicker"] = {"frequency_hz": ripples[0]}
+    outlying = outlying_rate_hz(points)
+    if outlying is not None:
+        found["hot_pixels"] = {"rate_hz": outlying}
+    return found
+
+
+class Change(NamedTuple):
+    """How expected values differ between two models."""
+
+    halves: Floats  #: (2, n) of two sensors
+    recordings: float  #: simulated ones behind each, of all pixels
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be explained, and how a model is laid beside it."""
+
+    points: tuple[PointData, ...]
+    forward: Forward
+    measured: Measured
+    setting: tuple[int, ...]  #: of each point
+    timing_sd_s: float  #: how well the events' times are known beside those of the stimulus
+    given: Mapping[str, Mapping[str, float]]  #: of effects: numbers that can be seen by eye
+    phases: tuple[float | None, ...] = ()  #: of a ripple in each recording, as far as they are known
+    thrift: float = 1.0
+    """Of all efforts: a run of more events than are enough takes no longer than one of so many. As much less of it is
+    simulated, and expected values are known as much less well."""
+
+    @classmethod
+    def of(cls, points: Sequence[PointData], forward: Forward, blur_s: float = 0.0) -> Problem:
+        """Look at the events of all points.
+
+        Parameters
+        ----------
+        points
+            With the ripple of the run, if one was seen: see :func:`~bench.diagnosis.recorded.ripple.with_ripple`.
+        blur_s
+            How differently the sensor and the simulation may cut time, s: latencies are compared no finer.
+        """
+        recordings = (Recording(Frame(p), p.events()) for p in points)
+        seen, events = zip(*((summarise(r, views()), r.t_us.size) for r in recordings), strict=True)
+        found = measured(seen)
+        if blur_s > 0.0:
+            found = replace(found, labels=_blurred(found.labels, found.ratio, blur_s))
+        timing_s = max(forward.dt_s, _TIMING_S)
+        return cls(
+            tuple(points), forward, found, tuple(settings_of(points)), timing_s, _by_eye(points),
+            thrift=min(1.0, ENOUGH_EVENTS / max(sum(events), 1)),
+        )  # fmt: skip
+
+    @property
+    def settings(self) -> int:
+        """Number of settings of the camera."""
+        return max(self.setting, default=-1) + 1
+
+    def base_slots(self) -> list[Slot]:
+        """Return the free numbers of the base pixel."""
+        known = all(np.isfinite(p.refractory_s) for p in self.points)
+        slots = []
+        for free in base_parameters(refractory_known=known):
+            per_setting = free.owner in _OF_A_SETTING
+            slots += [Slot(free, s) for s in range(self.settings)] if per_setting else [Slot(free)]
+        return [*slots, Slot(time_offset(self.timing_sd_s))]
+
+    def slots_of(self, model: PixelModel) -> list[Slot]:
+        """Return the free numbers of the base pixel, and of the effects that a model has."""
+        return [*self.base_slots(), *(Slot(f) for e in model.effects for f in numbers_of(e))]
+
+    def models(self, model: PixelModel, slots: Sequence[Slot], x: Sequence[float] | Floats) -> list[PixelModel]:
+        """Return the model of each point."""
+        by_setting = self.of_settings(model, slots, x)
+        return self.of_points([by_setting[s] for s in self.setting])
+
+    def of_settings(self, model: PixelModel, slots: Sequence[Slot], x: Sequence[float] | Floats) -> list[PixelModel]:
+        """Return the model at each setting of the camera."""
+        by_setting = []
+        for setting in range(self.settings):
+            mine = [(s.free, c) for s, c in zip(slots, x, strict=True) if s.setting in (None, setting)]
+            by_setting.append(put(model, [f for f, _ in mine], [c for _, c in mine]))
+        return by_setting
+
+    def of_points(self, models: Sequence[PixelModel]) -> list[PixelModel]:
+        """Return the models of all points, with what differs from recording to recording and is known."""
+        return with_phases(models, self.phases) if self.phases else list(models)
+
+    def cost(self, models: Sequence[PixelModel]) -> float:
+        """Return the time of a simulated run beside that of a base pixel to which all points are different."""
+        return cost_of(models[0]) / self.alike(models)
+
+    def alike(self, models: Sequence[PixelModel]) -> float:
+        """Return how many points of the run are simulated as one, on average."""
+        return len(models) / max(len(set(representatives(self.points, models))), 1)
+
+    def simulate(self, models: Sequence[Sequence[PixelModel]], seed: int, effort: float) -> list[list[Sensor]]:
+        """Return what simulated sensors of each model show: two or more, of as many pixels as the effort allows.
+
+        Parameters
+        ----------
+        effort
+            Runs of the base pixel, to which all points are different, that take as long.
+        """
+        return self._simulated(models, self._wanted(models, effort), seed)
+
+    def _wanted(self, models: Sequence[Sequence[PixelModel]], effort: float) -> list[tuple[int, float]]:
+        """Return how many sensors of each model to simulate, and the share of the pixels that they have."""
+        amounts = [self.thrift * min(max(effort / self.cost(m), _LEAST), _MOST) for m in models]
+        sensors = [max(int(a), _SENSORS) for a in amounts]
+        shares = [max(a / n, least_share(m[0])) for a, n, m in zip(amounts, sensors, models, strict=True)]
+        return [(number, min(share, 1.0)) for number, share in zip(sensors, shares, strict=True)]
+
+    def _simulated(
+        self, models: Sequence[Sequence[PixelModel]], wanted: Sequence[tuple[int, float]], seed: int
+    ) -> list[list[Sensor]]:
+        found: list[list[Sensor]] = [[] for _ in models]
+        for number in sorted({number for number, _ in wanted}):
+            mine = [i for i, (sensors, _) in enumerate(wanted) if sensors == number]
+            shares = [wanted[i][1] for i in mine]
+            for i, seen in zip(mine, self.forward.run([models[i] for i in mine], seed, number, shares), strict=True):
+                found[i] = seen
+        return found
+
+    def whole_sensors(self, models: Sequence[PixelModel], seed: int, number: int) -> list[Sensor]:
+        """Return what simulated sensors of all pixels show, however long that takes."""
+        return self._simulated([models], [(number, 1.0)], seed)[0]
+
+    def glance(self, models: Sequence[Sequence[PixelModel]], seed: int, effort: float) -> list[list[Sensor]]:
+        """Return what one simulated sensor of each model shows, of as many pixels as the effort allows."""
+        amounts = [self.thrift * min(max(effort / self.cost(m), _LEAST), 1.0) for m in models]
+        shares = [max(a, least_share(m[0])) for m, a in zip(models, amounts, strict=True)]
+        return self.forward.run(models, seed, 1, shares)
+
+    def expect(self, sensors: Sequence[Sensor]) -> Expectation:
+        """Return what some simulated sensors, of equally many pixels, let expect."""
+        columns = zip(*(s.summaries for s in sensors), strict=True)
+        return expectation(self.measured, [add(column) for column in columns], sensors[0].share)
+
+    def changes(
+        self, base: Sequence[PixelModel], models: Sequence[Sequence[PixelModel]], seed: int, effort: float
+    ) -> Iterator[Change]:
+        """Yield for each model how its expected values differ from those of the base model, for two sensors.
+
+        Both are simulated with the same random numbers, and of equally many pixels.
+        """
+        wanted = self._wanted(models, effort)
+        sizes = sorted(set(wanted))
+        simulated = self._simulated([*([base] * len(sizes)), *models], [*sizes, *wanted], seed)
+        known = dict(zip(sizes, simulated[: len(sizes)], strict=True))
+        array = np.array([label.of_array for label in self.measured.labels], dtype=np.bool_)
+        for there, size in zip(simulated[len(sizes) :], wanted, strict=True):
+            here = known[size]
+            pairs = [(self.expect(there[half::2]), self.expect(here[half::2])) for half in range(2)]
+            halves = np.stack([np.where(t.scatter.few | h.scatter.few, 0.0, t.value - h.value) for t, h in pairs])
+            if there[0].share < 1.0:
+                halves[:, array] = 0.0
+            yield Change(halves, 0.5 * len(there) * there[0].share)
+
+    def starts(self, model: PixelModel, *, by_eye: bool = True) -> list[list[float]]:
+        """Return coordinates of a model's free numbers; of the base pixel perhaps those that the curves may show."""
+        own = Guess(model.theta_on, model.theta_off, model.noise_rms, model.corner_hz)
+        seen = [guesses(self, s, own) if by_eye else [own] for s in range(self.settings)]
+        most = max(len(found) for found in seen)
+        return [self._start(model, [found[k if k < len(found) else 0] for found in seen]) for k in range(most)]
+
+    def _start(self, model: PixelModel, guessed: Sequence[Guess]) -> list[float]:
+        found = []
+        for slot in self.base_slots():
+            setting = slot.setting or 0
+            if slot.free.owner == ALIGNMENT:
+                found.append(0.0)
+                continue
+            if slot.free.owner == "refractory_period":
+                first = self.points[self.setting.index(setting)]
+                value = first.refractory_s if np.isfinite(first.refractory_s) else model.refractory_s
+            else:
+                value = getattr(guessed[setting], slot.free.field)
+            found.append(slot.free.coordinate(max(value, slot.free.lowest)))
+        return [*found, *(f.coordinate(getattr(e, f.field)) for e in model.effects for f in numbers_of(e))]

@@ -1,0 +1,107 @@
+"""What chance does to a fit: the scatter of a true model, what is frozen in the pixels, what was simulated twice."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.expected.residuals import expectation, measured
+from bench.diagnosis.expected.same_law import representatives
+from bench.diagnosis.fitting.fitted import live, prior_precision, whiten
+from bench.diagnosis.recorded.summary import add
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.expected.forward import Sensor
+    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.expected.residuals import Expectation
+    from bench.diagnosis.fitting.fitted import Fit
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["frozen_of", "pooled", "scale_of"]
+
+#: The largest square of a residual that counts for how residuals scatter.
+_FAR_OUT: Final = 16.0
+#: Places from which all statistics together are this many standard errors away count as close by.
+_CLOSE: Final = 20.0
+
+
+def scale_of(problem: Problem, here: Expectation, sensors: Sequence[Sensor]) -> float:
+    """Return the mean square residual of a run of the model itself: each simulated sensor against the others.
+
+    One number far out says nothing about the others: none counts for more than a square of 16.
+
+    Parameters
+    ----------
+    here
+        What is expected there: how residuals scatter.
+    sensors
+        All with as many pixels.
+    """
+    n, of = len(sensors), problem.measured
+    counts = np.concatenate([live(root) for root in here.roots])
+    # A share or a count of fewer pixels was transformed to the same scatter; a mean of fewer scatters more.
+    fewer = np.where(of.kinds.share | of.kinds.count, 1.0, math.sqrt(sensors[0].share))
+    squares = []
+    for i, one in enumerate(sensors):
+        others = [s.summaries for k, s in enumerate(sensors) if k != i]
+        as_run = measured(one.summaries, of.labels)
+        expected = expectation(as_run, [add(column) for column in zip(*others, strict=True)])
+        residual = whiten(here.roots, fewer * (as_run.value - expected.value), of.points)[counts]
+        squares.append(np.minimum(residual**2, _FAR_OUT))
+    # The roots are those of a run less what is expected; here it is less the mean of the other sensors.
+    return max(float(np.mean(squares)) * here.more / (1.0 + 1.0 / max(n - 1, 1)), 1e-3)
+
+
+def frozen_of(problem: Problem, found: Fit, models: Sequence[PixelModel], seen: Sequence[Sequence[Sensor]]) -> Floats:
+    """Return by how much the coordinates vary from sensor to sensor for what is frozen in the pixels of all points.
+
+    The covariance of the statistics of each point does not know that points have their pixels in common. What chance
+    does to points with other laws is independent; so is what is found in their products.
+    """
+    points = problem.measured.points
+    columns = found.whiten(found.jacobian.mean(axis=0), points)
+    left = columns.T @ columns + np.diag(prior_precision(found.slots))
+    weights = np.linalg.lstsq(left, columns.T, rcond=1e-10)[0]
+    laws = np.unique(representatives(problem.points, models), return_inverse=True)[1]
+    groups = int(laws.max(initial=0)) + 1
+    if groups == 1:
+        return np.zeros(len(found.x))
+    products, freedom = np.zeros(len(found.x)), 0.0
+    for sensors in seen:
+        values = np.stack([problem.expect([one]).value for one in sensors])
+        for away in values - values.mean(axis=0):
+            white = found.whiten(away, points)
+            each = np.zeros((groups, len(found.x)))
+            for law, where in zip(laws, points, strict=True):
+                each[law] += weights[:, where] @ white[where]
+            products += (each.sum(axis=0) ** 2 - (each**2).sum(axis=0)) * sensors[0].share
+        freedom += len(sensors) - 1
+    return np.asarray(np.maximum(products / max(freedom, 1.0) * groups / (groups - 1.0), 0.0))
+
+
+def pooled(
+    problem: Problem, visited: Sequence[tuple[Floats, Expectation]], jacobian: Floats, at: Floats
+) -> Expectation:  # fmt: skip
+    """Return what is expected at a place, from the simulations there and at all places close by.
+
+    How near they are tells how statistics change on the way, not how well they fit: the best ones would be those that
+    are by chance what was measured.
+    """
+    here = next(e for x, e in visited if x is at)
+    change = jacobian.mean(axis=0)
+    moves = [change @ (at - x) for x, _ in visited]
+    far = [float(np.linalg.norm(whiten(here.roots, move, problem.measured.points))) for move in moves]
+    close = [(e, move) for (_, e), move, away in zip(visited, moves, far, strict=True) if away <= _CLOSE]
+    total = sum(e.recordings for e, _ in close)
+    value = sum((e.recordings / total) * (e.value + move) for e, move in close)
+    scatter = here.scatter.beside([e.scatter for e, _ in close])
+    return replace(here, value=np.asarray(value), recordings=total, scatter=scatter)

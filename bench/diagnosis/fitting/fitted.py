@@ -1,0 +1,134 @@
+"""A fitted model: its numbers, how well they are known, and what is left over."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.fitting import robust
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.expected.problem import Slot
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Fit", "live", "prior_precision", "solve", "whiten"]
+
+#: A larger standard error stands for a statistic that was not measured, or is not predicted.
+_KNOWN: Final = 1e5
+#: A smaller variance is that of a number of which nothing is known.
+_NONE: Final = 1e-100
+#: Of a direction with less information, beside that of its coordinates by themselves, nothing is known; and neither
+#: of the coordinates that have such a part in it.
+_NO_DIRECTION: Final = 1e-9
+_PART_OF: Final = 1e-3
+#: Combinations of statistics that hardly vary are left out: their rows are zero.
+_LIVE: Final = 1e-5
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model fitted to a run."""
+
+    model: PixelModel  #: with the effects that it has; its numbers are those of `x`
+    slots: tuple[Slot, ...]
+    x: Floats  #: (k,) coordinates
+    start: Floats  #: (k,) of the prior
+    value: Floats  #: (n,) expected, transformed
+    ratio: Floats  #: (n,) expected, in the unit of the label
+    roots: tuple[Floats, ...]  #: of each point: makes its residuals independent, of unit variance
+    deviation: Floats  #: (n,) standard errors of measured less expected
+    jacobian: Floats  #: (2, n, k) change of the expected values by coordinate, from two sensors
+    scale: float  #: mean square of the residuals of a run of the model itself
+    residual: Floats  #: (n,) measured less expected, transformed
+    frozen: Floats | None = None  #: (k,) variance of the coordinates from what is frozen in the pixels of all points
+    common: float = 1.0
+    """Variance of what several points have in common, beside that of each: they were simulated as one."""
+
+    @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        """(n,) which statistics say something: they were measured, and are predicted."""
+        return self.deviation < _KNOWN
+
+    @property
+    def caution(self) -> float:
+        """Variance of the independent residuals, for tests: rare events scatter less than stated, others do not."""
+        return max(self.scale, 1.0)
+
+    @property
+    def z(self) -> Floats:
+        """(n,) residuals in standard errors, each on its own."""
+        return np.asarray(self.residual / (self.deviation * np.sqrt(self.caution)))
+
+    def whiten(self, values: Floats, points: Sequence[slice]) -> Floats:
+        """Return residuals, or columns of changes, as independent numbers of unit variance."""
+        return np.asarray(whiten(self.roots, values, points) / math.sqrt(self.caution))
+
+    def covariance(self, points: Sequence[slice]) -> Floats:
+        """(k, k) covariance of the coordinates; the variance of one of which nothing is known is infinite."""
+        first, second = (self.whiten(j, points) for j in self.jacobian)
+        changes, chance = 0.5 * (first + second), 0.5 * (first - second)
+        seen = robust.without(changes.T @ changes, chance.T @ chance)
+        information = seen + np.diag(prior_precision(self.slots))
+        found, unknown = _inverse(information)
+        if self.frozen is not None:
+            found = found + np.diag(self.frozen)
+        own = np.maximum(np.diag(found), _NONE)
+        wider = np.sqrt(np.where(own > _NONE, np.maximum(self._between_points(points) / own, 1.0), 1.0))
+        found = found * np.outer(wider, wider)
+        found[unknown, unknown] = math.inf
+        return np.asarray(found)
+
+    def _between_points(self, points: Sequence[slice]) -> Floats:
+        """(k,) variance of the coordinates as it shows when each point in turn is left out (jackknife).
+
+        Source: B. Efron, C. Stein, "The jackknife estimate of variance", Ann. Statist. 9 (1981). It knows of what
+        makes points disagree beyond chance.
+        """
+        residual, columns = self.whiten(self.residual, points), self.whiten(self.jacobian.mean(axis=0), points)
+        parts = [(columns[where].T @ columns[where], columns[where].T @ residual[where]) for where in points]
+        prior = prior_precision(self.slots)
+        left = sum((a for a, _ in parts), np.diag(prior))
+        right = sum((b for _, b in parts), prior * (self.start - self.x))
+        moved = np.stack([np.linalg.lstsq(left - a, right - b, rcond=1e-10)[0] for a, b in parts])
+        n = len(moved)
+        return np.asarray((n - 1.0) * moved.var(axis=0))
+
+
+def _inverse(information: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return the covariance (k, k), and of which coordinates (k,) nothing is known, whatever their units."""
+    scale = np.sqrt(np.diag(information))
+    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    kept = values > _NO_DIRECTION
+    found = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T * np.outer(unit, unit)
+    return found, np.sum(vectors[:, ~kept] ** 2, axis=1) > _PART_OF
+
+
+def whiten(roots: Sequence[Floats], values: Floats, points: Sequence[slice]) -> Floats:
+    """Return the values of each point, or columns of them, as independent numbers of unit variance."""
+    return np.concatenate([root @ values[where] for root, where in zip(roots, points, strict=True)])
+
+
+def live(root: Floats) -> Floats:
+    """(k,) which combinations of the statistics of a point count."""
+    return np.asarray(np.abs(root).sum(axis=1) > _LIVE)
+
+
+def prior_precision(slots: Sequence[Slot]) -> Floats:
+    """(k,) precision with which each coordinate is known before."""
+    return np.array([0.0 if np.isinf(s.free.prior_sd) else s.free.prior_sd**-2 for s in slots])
+
+
+def solve(columns: Floats, residual: Floats, prior: Floats) -> Floats:
+    """Return the least-squares coordinates of `residual` in `columns`, with a prior precision of each."""
+    left = columns.T @ columns + np.diag(prior)
+    return np.asarray(np.linalg.lstsq(left, columns.T @ residual, rcond=1e-10)[0])

@@ -1,0 +1,81 @@
+"""What a model expects of a run at some coordinates, and how far off that is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.expected.catalogue import DELAYS
+from bench.diagnosis.expected.parameters import ALIGNMENT
+from bench.diagnosis.fitting import robust
+from bench.diagnosis.fitting.fitted import prior_precision, whiten
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.expected.parameters import Free
+    from bench.diagnosis.expected.problem import Problem, Slot
+    from bench.diagnosis.expected.residuals import Expectation
+    from bench.diagnosis.fitting.fitted import Fit
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["delays", "expect_roughly", "later", "loss_of", "shifted"]
+
+#: Effort of one expectation on the way to the minimum.
+_ROUGH: Final = 0.06
+
+
+def delays(free: Free) -> bool:
+    """Return whether a number makes all events later by itself: what latencies do is known, see :func:`later`."""
+    return free.owner == ALIGNMENT or (free.owner, free.name) in DELAYS
+
+
+def later(problem: Problem, here: Expectation | Fit) -> Floats:
+    """Return the changes when all events come later than the stimulus says, by second: latencies are longer."""
+    change = np.zeros(len(here.value))
+    spread = {
+        (label.point, label.part, label.log_contrast, label.width_s): float(here.ratio[i])
+        for i, label in enumerate(problem.measured.labels)
+        if label.view == "latency_spread" and np.isfinite(here.ratio[i])
+    }
+    for i, label in enumerate(problem.measured.labels):
+        if label.view not in ("latency", "latency_spread") or not np.isfinite(here.ratio[i]):
+            continue
+        steps = spread.get((label.point, label.part, label.log_contrast, label.width_s), 0.0)
+        if label.view == "latency":
+            # The mean of 1 / t where ln t is normal; a step from one latency to the next has twice its variance.
+            change[i] = inverse = math.exp(-here.ratio[i] + 0.25 * steps)
+        else:
+            change[i] = -2.0 * steps * inverse
+    return change
+
+
+def expect_roughly(
+    problem: Problem, model: PixelModel, slots: Sequence[Slot], xs: Sequence[Floats], seed: int
+) -> list[Expectation]:
+    """Return what is expected at some coordinates, with little effort and the same random numbers."""
+    found = problem.glance([problem.models(model, slots, x) for x in xs], seed, _ROUGH)
+    return [shifted(problem, problem.expect(sensors), slots, x) for sensors, x in zip(found, xs, strict=True)]
+
+
+def shifted(problem: Problem, here: Expectation, slots: Sequence[Slot], x: Floats) -> Expectation:
+    """Return what is expected when the events come later by the time offset among the coordinates.
+
+    By as much of it as is known they were simulated later; the small rest is a straight line.
+    """
+    late: float = sum(c for slot, c in zip(slots, x, strict=True) if slot.free.owner == ALIGNMENT)
+    late -= 1e-6 * problem.forward.late_us
+    return replace(here, value=here.value + late * later(problem, here)) if late else here
+
+
+def loss_of(problem: Problem, here: Expectation, slots: Sequence[Slot], at: Floats, start: Floats) -> float:
+    """Return the loss of the independent residuals, and what the prior adds."""
+    residual = whiten(here.roots, problem.measured.value - here.value, problem.measured.points)
+    return robust.loss(residual) + float(np.sum(prior_precision(slots) * (at - start) ** 2))

@@ -1,0 +1,100 @@
+"""A fit that may have stopped in a valley is done again, from other places.
+
+Two kinds of valleys are known. What is known beforehand, a dead time, was let go and stands in for something else.
+And a shape trades places with a size along a bent line: slow noise of twice the rms and four times the time wanders
+as far in a pulse. What is left in a valley looks as if an effect were missing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.expected.catalogue import details_of, switches
+from bench.diagnosis.fitting.approach import approach, known_beforehand
+from bench.diagnosis.fitting.fit import finish
+from bench.diagnosis.fitting.fitted import prior_precision, solve
+from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
+from bench.diagnosis.fitting.steps import inside
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.expected.problem import Problem, Slot
+    from bench.diagnosis.fitting.fitted import Fit
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["settled", "unknown_shapes"]
+
+#: A deviance that is larger than that of a true model, and not by more than this factor, may be that of a fit in a
+#: valley; with a shape that is not known, valleys are deeper.
+_VALLEY: Final = 2.0
+_DEEP_VALLEY: Final = 5.0
+#: Another place is better when the deviance falls by this share.
+_BETTER: Final = 0.03
+#: Steps from another place on; shapes that are tried, beside the one found; how often one goes on from there.
+_STEPS: Final = 3
+_SHAPES: Final = (0.5, 2.0)
+_ROUNDS: Final = 3
+
+
+def settled(problem: Problem, found: Fit, seed: int) -> Fit:
+    """Return a fit, or a better one of the same model where more is left than chance leaves.
+
+    Parameters
+    ----------
+    seed
+        Of other simulations than those of the fit.
+    """
+    shapes = unknown_shapes(problem, found.model, found.slots)
+    most = _DEEP_VALLEY if shapes else _VALLEY
+    places = [np.where(known_beforehand(found.slots), found.start, found.x)]
+    for number in range(_ROUNDS):
+        if deviance_per_dof(problem, found) > most or not leaves_more_than_chance(problem, found):
+            return found
+        places += _other_shapes(problem, found, shapes)
+        tried = [_from(problem, found, to, seed + 10 * number + i) for i, to in enumerate(places)]
+        best = min([found, *tried], key=lambda one: deviance_per_dof(problem, one))
+        if not shapes or deviance_per_dof(problem, best) > (1.0 - _BETTER) * deviance_per_dof(problem, found):
+            return best
+        found, places = best, []
+    return found
+
+
+def unknown_shapes(problem: Problem, model: PixelModel, slots: Sequence[Slot]) -> list[int]:
+    """Return the places of the numbers that shape an effect and do not switch it on, of which nothing is known."""
+    found = []
+    for i, slot in enumerate(slots):
+        effect = model.effect(slot.free.owner)
+        if effect is None:
+            continue
+        details = (free.name for free, _ in details_of(type(effect)))
+        known = {*problem.given.get(effect.id, {}), *(f.name for f in switches(type(effect))), *details}
+        found += [i] * (slot.free.name not in known)
+    return found
+
+
+def _from(problem: Problem, found: Fit, place: Floats, seed: int) -> Fit:
+    """Return the same model fitted from another place on."""
+    near = approach(problem, found.model, found.slots, list(place), seed=seed, iterations=_STEPS, prior=found.start)
+    return finish(problem, near)
+
+
+def _other_shapes(problem: Problem, found: Fit, shapes: Sequence[int]) -> Iterator[Floats]:
+    """Yield places with another shape, to which the other numbers follow along straight lines."""
+    columns = found.whiten(found.jacobian.mean(axis=0), problem.measured.points)
+    precision = prior_precision(found.slots)
+    for i in shapes:
+        free = found.slots[i].free
+        others = np.arange(len(found.x)) != i
+        for factor in _SHAPES:
+            moved = free.coordinate(factor * free.value(float(found.x[i]))) - found.x[i]
+            to = found.x.copy()
+            to[i] += moved
+            to[others] -= solve(columns[:, others], columns[:, i] * moved, precision[others])
+            yield inside(found.slots, to)

@@ -1,0 +1,113 @@
+"""How what is expected changes by coordinate, from all that was simulated around a place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.diagnosis.expected.parameters import ALIGNMENT
+from bench.diagnosis.fitting.looks import delays, later
+from bench.diagnosis.fitting.steps import inside
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from bench.diagnosis.expected.forward import Sensor
+    from bench.diagnosis.expected.problem import Problem, Slot
+    from bench.diagnosis.expected.residuals import Expectation
+    from sim_backend.pixel.model import PixelModel
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Around", "Sample", "sample_of", "samples_around", "slopes"]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Coordinates, and what two independent sensors let expect there, whose events come when the stimulus says."""
+
+    at: Floats  #: (k,)
+    halves: Floats  #: (2, n)
+    recordings: float
+    pair: int = -1  #: samples of a pair lie to both sides of a place, in the same random numbers; -1: of none
+
+
+def sample_of(problem: Problem, at: Floats, sensors: Sequence[Sensor], pair: int = -1) -> Sample:
+    """Return simulated sensors as a sample."""
+    halves = [problem.expect(sensors[half::2]) for half in range(2)]
+    return Sample(at, np.stack([e.value for e in halves]), sum(e.recordings for e in halves), pair)
+
+
+def samples_around(
+    problem: Problem, model: PixelModel, slots: Sequence[Slot], at: Floats, seed: int, directions: Floats,
+    effort: float,
+) -> list[Sample]:  # fmt: skip
+    """Simulate to both sides of a place.
+
+    Parameters
+    ----------
+    at
+        (k,) coordinates.
+    directions
+        (k, m) in the columns: how far to go.
+    effort
+        For each sample.
+    """
+    places = [inside(slots, at + sign * way) for way in directions.T for sign in (1.0, -1.0)]
+    found = problem.simulate([problem.models(model, slots, x) for x in places], seed, effort)
+    return [sample_of(problem, x, sensors, i // 2) for i, (x, sensors) in enumerate(zip(places, found, strict=True))]
+
+
+@dataclass(frozen=True)
+class Around:
+    """Changes by coordinate that follow from all that was simulated around a place, and on the way from there."""
+
+    problem: Problem
+    slots: Sequence[Slot]
+    samples: list[Sample]
+    directions: Floats  #: (k, m) in which was looked
+
+    def add(self, at: Floats, sensors: Sequence[Sensor]) -> None:
+        """Take what was simulated at some coordinates into account."""
+        self.samples.append(sample_of(self.problem, at, sensors))
+
+    def slopes(self, at: Floats, here: Expectation) -> Floats:
+        """Return (2, n, k) the changes around some coordinates."""
+        return slopes(self.problem, self.slots, at, here, self.samples, self.directions)
+
+
+def slopes(
+    problem: Problem, slots: Sequence[Slot], at: Floats, here: Expectation, samples: Sequence[Sample],
+    directions: Floats,
+) -> Floats:  # fmt: skip
+    """Return (2, n, k) the slopes of straight lines through samples, for each of the two sensors.
+
+    Samples count by the number of simulated pixels, less beyond the directions in which was looked, where lines are
+    not straight. The lines through the pairs are parallel, no more: how a line bends lifts both ends of it, which
+    others would take for their slope where a bound leaves them one side. What later events do to latencies is known;
+    a time offset is not in the samples.
+    """
+    offset = np.array([slot.free.owner == ALIGNMENT for slot in slots])
+    delayed = np.array([delays(slot.free) for slot in slots]) & ~offset
+    late = later(problem, here)
+    away = np.stack([s.at - at for s in samples]) @ np.linalg.pinv(directions).T
+    beyond = np.maximum(np.sum(away**2, axis=1) - 1.0, 0.0)
+    weight = np.array([s.recordings for s in samples]) * np.exp(-0.5 * beyond)
+    pairs = np.array([s.pair for s in samples])
+    levels = (pairs[:, None] == np.unique(pairs)).astype(np.float64)
+    columns = np.column_stack([levels, np.stack([s.at - at for s in samples])[:, ~offset]])
+    root = np.sqrt(weight)[:, None]
+    scale = np.array([*np.ones(levels.shape[1]), *np.maximum(np.abs(directions).max(axis=1)[~offset], 1e-300)])
+    back = np.linalg.pinv(root * columns * scale) * root[:, 0]
+    out = np.zeros((2, len(here.value), len(slots)))
+    for half in range(2):
+        values = np.stack([s.halves[half] - np.sum((s.at - at)[delayed]) * late for s in samples])
+        out[half][:, ~offset] = ((back @ values) * scale[:, None])[levels.shape[1] :].T
+    # What a delay does to anything but latencies, by the dead time that begins later, is not known.
+    for i in np.flatnonzero(offset | delayed):
+        out[:, :, i] = np.where(late != 0.0, late, out[:, :, i])
+    return out

@@ -1,0 +1,209 @@
+"""A model with an effect more, fitted; and whether it needs the effect."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from bench.diagnosis.expected.catalogue import is_of_few, least_share, switches
+from bench.diagnosis.fitting.fit import finish
+from bench.diagnosis.fitting.judging import (
+    NEARLY_ALL,
+    deviance_beside,
+    deviance_per_dof,
+    is_far_off,
+    loss_left,
+    share,
+)
+from bench.diagnosis.fitting.sharpening import from_here, is_costly, sharpened
+from bench.diagnosis.searching.race import Raced, entrant, near_by, race
+from bench.diagnosis.searching.valley import through_the_valley
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.fitting.approach import Approach
+    from bench.diagnosis.fitting.fitted import Fit
+    from bench.diagnosis.searching.screen import Scores
+
+__all__ = ["Found", "Refitted", "needless", "refitted"]
+
+#: An effect whose numbers are all fewer standard errors from null is needless; one that was added before it was known
+#: what else is missing is so up to the size that a search among all effects takes for more than chance.
+_NEEDED: Final = 2.0
+_STILL_NEEDED: Final = 3.3
+#: A fit is made sharper where the loss has fallen by less than this share of what was promised, or the deviance has
+#: risen, if the promise is more than that of chance, and the loss is no larger than so many times what it was.
+_SHORT: Final = 0.5
+_PROMISE: Final = 10.0
+_BEYOND_HELP: Final = 2.0
+#: The seed of that, after that of the fit.
+_AGAIN: Final = 7
+#: Where all are further off than this, and none takes away nearly all that is too much, each may be beyond a bent
+#: valley from its minimum. The best of them goes on from where its fit has ended, so often at the most, while it is
+#: off and its error falls to this share.
+_FAR: Final = 2.0
+_GOES_ON: Final = 4
+_FALLING: Final = 0.8
+_ON: Final = 1000
+
+
+@dataclass(frozen=True)
+class Found:
+    """A candidate, refitted."""
+
+    effect: str
+    fit: Fit
+    deviance: float  #: with as many residuals as the fit before
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """What came of some candidates."""
+
+    found: tuple[Found, ...]  #: those that come close to the best of them
+    hopeless: frozenset[str]  #: those that come nowhere near it
+
+
+def refitted(
+    problem: Problem, here: Fit, scores: Scores, candidates: Sequence[int], seed: int, far_off: bool,
+    most: int | None = None, leave: float = math.inf,
+) -> Refitted:  # fmt: skip
+    """Return the models with one of these candidates more, fitted.
+
+    Parameters
+    ----------
+    far_off
+        The minima may be anywhere.
+    most
+        No more than so many go all the way there.
+    leave
+        See :func:`~bench.diagnosis.searching.race.race`.
+    """
+    entrants = [entrant(problem, here, scores, i, seed, far_off) for i in candidates]
+    if far_off:
+        raced = _raced(problem, entrants, most, leave)
+    else:
+        raced = [Raced(near_by(problem, one), hopeless=False) for one in entrants]
+    names = [scores.probes[i].effect.id for i in candidates]
+    ways = {k: one.way for k, one in enumerate(raced) if one.way is not None}
+    fits = _Fits(problem, here, names, [float(scores.drop[i]) for i in candidates], seed)
+    for k, way in ways.items():
+        fits.add(k, way)
+    if far_off:
+        fits.through_valleys(ways)
+        fits.go_on()
+    hopeless = frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless)
+    return Refitted(tuple(fits.found.values()), hopeless)
+
+
+class _Fits:
+    """Candidates, fitted one after the other; those that come nowhere near one before them with less effort."""
+
+    def __init__(
+        self, problem: Problem, here: Fit, names: Sequence[str], promised: Sequence[float], seed: int
+    ) -> None:  # fmt: skip
+        self._problem, self._here, self._names, self._promised, self._seed = problem, here, names, promised, seed
+        self.found: dict[int, Found] = {}
+
+    def add(self, k: int, way: Approach) -> None:
+        """Fit a candidate from some place on, and keep that if it is better than what is known of it."""
+        problem, here = self._problem, self._here
+        beat = min((loss_left(problem, one.fit) for one in self.found.values()), default=math.inf)
+        reached = finish(problem, way, beat=beat)
+        fitted = _kept(problem, here, reached, self._promised[k], self._seed + _AGAIN)
+        again = Found(self._names[k], fitted, deviance_beside(problem, fitted, here))
+        self.found[k] = min(self.found.get(k, again), again, key=lambda one: one.deviance)
+
+    def through_valleys(self, ways: Mapping[int, Approach]) -> None:
+        """Try other sizes of each, the best way first, until one leads somewhere."""
+        for k in sorted(ways, key=lambda k: ways[k].loss):
+            if _leads_somewhere(self._problem, self._here, self.found.values()):
+                break
+            other = through_the_valley(self._problem, ways[k])
+            if other is not None:
+                self.add(k, other)
+
+    def go_on(self) -> None:
+        """Fit the best of them on."""
+        if self.found:
+            best = min(self.found, key=lambda k: self.found[k].deviance)
+            self.found[best] = _gone_on(self._problem, self._here, self.found[best], self._seed + _ON)
+
+
+def _leads_somewhere(problem: Problem, here: Fit, found: Iterable[Found]) -> bool:
+    """Return whether an effect explains the run, or nearly all of what is too much in it."""
+    return any(
+        deviance_per_dof(problem, one.fit) <= _FAR or share(problem, here, one.deviance) > NEARLY_ALL for one in found
+    )
+
+
+def _gone_on(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
+    """Return a model that was fitted on from where it was, while that helps, or what its numbers change is not known.
+
+    That is known from around where a fit began: far from there it leads nowhere.
+    """
+    for number in range(_GOES_ON):
+        known = _knows_its_numbers(problem, found.fit)
+        if known and not is_far_off(problem, found.fit):
+            break
+        again = finish(problem, from_here(problem, found.fit, seed + 20 * number))
+        left = deviance_beside(problem, again, here)
+        still = left < _FALLING * found.deviance
+        if left < found.deviance or (not known and left < found.deviance / _FALLING):
+            found = Found(found.effect, again, left)
+        if not still:
+            break
+    return found
+
+
+def _knows_its_numbers(problem: Problem, one: Fit) -> bool:
+    """Return whether a fit says how well each of its numbers is known."""
+    return bool(np.all(np.isfinite(np.diag(one.covariance(problem.measured.points)))))
+
+
+def _kept(problem: Problem, here: Fit, fitted: Fit, promised: float, seed: int) -> Fit:
+    """Return a fit, or a sharper one where it does not keep what straight lines promised of it.
+
+    Of what takes long so little is simulated that chance may hide all of a fall.
+    """
+    before, after = loss_left(problem, here), loss_left(problem, fitted)
+    # With a number more nothing is worse, but for the chance of the few pixels: there may be no hot one among them.
+    worse = deviance_beside(problem, fitted, here) > deviance_beside(problem, here, here)
+    short = promised > _PROMISE and (before - after < _SHORT * promised or worse) and after < _BEYOND_HELP * before
+    if not short or not is_costly(problem, fitted):
+        return fitted
+    again = sharpened(problem, fitted, seed)
+    return min(fitted, again, key=lambda one: deviance_beside(problem, one, here))
+
+
+def _raced(problem: Problem, entrants: Sequence[Approach], most: int | None, leave: float) -> list[Raced]:
+    """Return what a race leaves of them; those of which whole sensors are simulated go last.
+
+    If another one explains the run, a few looks leave them behind, while their own way takes minutes.
+    """
+    order = sorted(range(len(entrants)), key=lambda k: least_share(entrants[k].model))
+    raced = dict(zip(order, race(problem, [entrants[k] for k in order], most, leave), strict=True))
+    return [raced[k] for k in range(len(entrants))]
+
+
+def needless(problem: Problem, one: Fit, effect_id: str, *, before: bool = False) -> bool:
+    """Return whether all numbers of an effect are within chance of null.
+
+    Parameters
+    ----------
+    before
+        It was added before others were.
+    """
+    least = _STILL_NEEDED if before else _NEEDED
+    effect = next(e for e in one.model.effects if e.id == effect_id)
+    # Which few pixels have it is the effect itself: where there is none, nothing of that is frozen in the pixels.
+    beside = replace(one, frozen=None) if is_of_few(effect_id) else one
+    sd = np.sqrt(np.diag(beside.covariance(problem.measured.points)))
+    names = {f.name for f in switches(type(effect))}
+    mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id and s.free.name in names]
+    return all(abs(one.x[i]) < least * sd[i] for i in mine)

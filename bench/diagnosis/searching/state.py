@@ -1,0 +1,99 @@
+"""A step of a diagnosis on its way: the fitted model, what it may lack, and what was tried."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis.fitting.judging import NEARLY_ALL, excess, heldout, is_far_off, share
+from bench.diagnosis.searching.refit import needless
+from sim_backend.pixel.effects.light_rise_time import LightRiseTime
+from sim_backend.pixel.effects.timestamp_jitter import TimestampJitter
+
+if TYPE_CHECKING:
+    from bench.diagnosis.expected.parameters import Free
+    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.fitting.fitted import Fit
+    from bench.diagnosis.searching.refit import Found
+    from bench.diagnosis.searching.screen import Scores
+    from bench.diagnosis.searching.trends import Trend
+
+__all__ = [
+    "State",
+    "can_judge",
+    "is_explained",
+    "leaves_little",
+    "may_be_added",
+]
+
+#: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
+_EXPLAINED: Final = 3.5
+#: Times shorter than so many looks of the comparators are not told from how time is cut into samples: events that are
+#: stamped one look later, filters that go in steps. Neither tells brighter from darker, as light that rises slowly
+#: does; light that goes from one level to the other within a sample rises as if in half of it. Stamps anywhere within
+#: a sample scatter by less than a third of it.
+_LOOKS: Final = 2.0
+_LOOKS_OF: Final = {LightRiseTime.id: 0.5, TimestampJitter.id: 1.0}
+
+
+@dataclass
+class State:
+    """A fitted model, what is known about what it lacks, and how it came about."""
+
+    fit: Fit
+    scores: Scores
+    added: str | None  #: effect; None: the model to start from
+    fall: float  #: share of what was too much in the deviance that the effect took away
+    refitted: dict[str, Found] = field(default_factory=dict)
+    hopeless: frozenset[str] = frozenset()  #: effects that come nowhere near the best
+    tied: tuple[str, ...] = ()
+    proposal: str | None = None
+    trends: tuple[Trend, ...] = ()  #: that chance does not make, where the squares are no larger than chance makes
+    chosen: bool = False  #: whether a proposal was looked for
+
+
+def leaves_little(problem: Problem, one: Fit) -> bool:
+    """Return whether a model leaves no more than chance does in all squares together."""
+    return excess(problem, one) <= _EXPLAINED
+
+
+def is_explained(problem: Problem, state: State) -> bool:
+    """Return whether a model leaves no more than chance does, and no trend."""
+    return leaves_little(problem, state.fit) and not state.trends
+
+
+def may_be_added(problem: Problem, before: Fit, found: Found) -> bool:
+    """Return whether a fitted effect is there, is coarser than the grid of the simulation, and no mere stand-in."""
+    numbers = zip(found.fit.slots, found.fit.x, strict=True)
+    coarse = all(_coarse(problem, s.free, float(x)) for s, x in numbers if s.free.owner == found.effect)
+    return coarse and not needless(problem, found.fit, found.effect) and not _stands_in(problem, before, found)
+
+
+def _stands_in(problem: Problem, before: Fit, found: Found) -> bool:
+    """Return whether an effect leaves much, and what it takes away comes back on points that the fit did not see.
+
+    What hardly leaves anything may well be seen in one point alone.
+    """
+    explains = is_far_off(problem, before) and share(problem, before, found.deviance) > NEARLY_ALL
+    return not explains and heldout(problem, found.fit) >= heldout(problem, before)
+
+
+def can_judge(problem: Problem, scores: Scores, i: int) -> bool:
+    """Return whether an effect is coarser than the grid of the simulation, if it is a matter of time."""
+    one = scores.probes[i]
+    sizes = zip(one.free, map(float, scores.size[i]), one.at, strict=True)
+    return all(size == 0.0 or _coarse(problem, free, _really(free, size, at)) for free, size, at in sizes)
+
+
+def _really(free: Free, size: float, at: float) -> float:
+    """Return the size that a straight line to a probe lets expect, if the effect goes along it.
+
+    Small scatter of the stamps acts by its square: of a small one the line lets expect the square of its share.
+    """
+    return math.copysign(math.sqrt(abs(size * at)), size) if free.owner == TimestampJitter.id else size
+
+
+def _coarse(problem: Problem, free: Free, coordinate: float) -> bool:
+    finest = _LOOKS_OF.get(free.owner, _LOOKS) * problem.forward.dt_s
+    return free.unit != "s" or free.scale == "log" or free.value(abs(coordinate)) >= finest

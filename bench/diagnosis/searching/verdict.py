@@ -1,0 +1,44 @@
+"""What the steps of a diagnosis come to: the verdict, what is named, and what could take its place."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from bench.diagnosis.fitting.judging import NEARLY_ALL, share_of_loss
+from bench.diagnosis.searching.state import is_explained
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.result import Verdict
+    from bench.diagnosis.searching.state import State
+
+__all__ = ["ties_of", "verdict_of"]
+
+
+def verdict_of(problem: Problem, states: Sequence[State]) -> tuple[Verdict, tuple[str, ...]]:
+    """Return the verdict, and the effects that are named.
+
+    Effects that leave much behind may only have mimicked what no catalogue knows: where something is left that
+    nothing explains, only those are named that take away nearly all of what was too much.
+    """
+    if is_explained(problem, states[-1]):
+        named = tuple(s.added for s in states[1:] if s.added is not None)
+        return ("explained" if named else "nothing_missing"), named
+    sure = (
+        after.added for before, after in pairwise(states)
+        if after.added is not None and min(after.fall, share_of_loss(problem, before.fit, after.fit)) > NEARLY_ALL
+    )  # fmt: skip
+    return "unexplained", tuple(sure)
+
+
+def ties_of(states: Sequence[State], missing: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return for each effect that was added what could take its place, but for what was added as well."""
+    found = {}
+    for before, state in pairwise(states):
+        others = tuple(name for name in before.tied if states[-1].fit.model.effect(name) is None)
+        if state.added is not None and state.added in missing and others and before.proposal == state.added:
+            found[state.added] = others
+    return found

@@ -1,0 +1,77 @@
+"""Residuals along every axis, as a person reads them at a terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis.telling.by_axis import ALL_VIEWS, AXES
+from bench.diagnosis.telling.wording import on_axis
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from bench.diagnosis.telling.by_axis import Bin
+
+__all__ = ["axis_lines", "axis_title", "bin_label"]
+
+_TITLES: Final = {
+    "anywhere": "all",
+    "illuminance": "illuminance on chip",
+    "contrast": "log contrast",
+    "pulse width": "length of the test pulse",
+    "polarity": "polarity",
+    "ND filter": "density of the ND filter",
+    "order": "points in their order",
+    "halves": "time in a recording",
+}
+_POLARITIES: Final = ("ON", "OFF", "both")
+#: A mean square is told as too large where it is so many standard errors above one.
+_NOTABLE: Final = 4.0
+_RESPONSE: Final = "response"
+
+
+def axis_title(axis: str) -> str:
+    """Return what an axis is called."""
+    return _TITLES.get(axis, axis)
+
+
+def bin_label(one: Bin) -> str:
+    """Return the value, or the range of values, of a bin."""
+    if one.axis == "anywhere":
+        return "everywhere"
+    if one.axis == "halves":
+        return "second half less first"
+    if one.axis == "polarity":
+        return _POLARITIES[int(one.low)]
+    if one.axis == "order":
+        return f"point {one.low:.0f}" if one.low == one.high else f"points {one.low:.0f} to {one.high:.0f}"
+    if one.axis == "contrast":
+        low, high = f"{one.low:.3g}", f"{one.high:.3g}"
+        return low if low == high else f"{low} to {high}"
+    low, high = on_axis(one.axis, one.low), on_axis(one.axis, one.high)
+    return low if low == high else f"{low} to {high}"
+
+
+def axis_lines(bins: Sequence[Bin]) -> Iterator[str]:
+    """Yield a table for the views, and one for each axis that has several values.
+
+    An asterisk marks what is further off than chance takes a true model.
+    """
+    views = [b for b in bins if b.axis == "anywhere" and b.view != ALL_VIEWS]
+    yield from _table("view", [(b.view.replace("_", " "), b, b) for b in views], "mean z")
+    responses = {(b.axis, b.low): b for b in bins if b.view == _RESPONSE}
+    for axis in AXES[1:]:
+        mine = [b for b in bins if b.axis == axis and b.view == ALL_VIEWS]
+        if len(mine) > 1 or (mine and axis == "halves"):
+            rows = [(bin_label(b), b, responses.get((b.axis, b.low))) for b in mine]
+            yield from _table(axis_title(axis), rows, "mean z of responses")
+
+
+def _table(title: str, rows: Sequence[tuple[str, Bin, Bin | None]], mean: str) -> Iterator[str]:
+    width = max(len(title), *(len(label) for label, _, _ in rows)) if rows else len(title)
+    yield f"{title:{width}}  statistics  mean square z   by chance         {mean}"
+    for label, all_of, one in rows:
+        far = "*" if all_of.square > 1.0 + _NOTABLE * all_of.square_sd else " "
+        line = f"{label:{width}}  {all_of.count:10}  {all_of.square:13.2f}{far}  1.00 +/- {all_of.square_sd:4.2f}"
+        yield line + (f"     {one.mean:+7.2f} +/- {one.mean_sd:.2f}" if one is not None else "")
+    yield ""
