@@ -6,7 +6,7 @@
 #   make bench   speed, side by side
 #   make verify  the fast engine against the reference engine, 1e5 pulses at each of many settings (under 40 minutes)
 #   make soak    200 kills, each with a resume, and a night of 12 h of bench time with a fault every 20 minutes
-#   make dozen   twelve gross cases of the planted-effect study and a user's effect, as tests (some fifteen minutes; part of CI)
+#   make dozen   gross cases of the planted-effect study, merged runs and a user's effect, as tests (half an hour; part of CI)
 #   make study   plant effects in 306 runs and diagnose each (hours; it goes on where it was stopped)
 
 PYTHON ?= python3
