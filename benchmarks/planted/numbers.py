@@ -33,6 +33,7 @@ class Tried:
     size: dict[str, float]
     beyond_mimic: float | None
     reference: bool
+    truth_leaves: float | None  #: error of the true model, where it was asked for
     seconds: float
     score: Score
 
@@ -71,8 +72,9 @@ def tried(records: Iterable[Mapping[str, Any]]) -> list[Tried]:
             size={k: float(v) for k, v in r["sizes"]["size"].items()},
             beyond_mimic=r["sizes"]["beyond_mimic"],
             reference=r["truth"]["engine"] == "reference",
+            truth_leaves=r.get("floor"),
             seconds=float(r["seconds"]),
-            score=score(r["truth"], r["diagnosis"]),
+            score=score(r["truth"], r["diagnosis"], r.get("floor")),
         )
         for r in records
     ]

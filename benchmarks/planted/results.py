@@ -1,4 +1,4 @@
-"""Files of finished cases, of diagnoses and of sizes: a line of JSON each, so that a stopped study goes on."""
+"""Files of finished cases, of diagnoses, sizes and floors: a line of JSON each, so that a stopped study goes on."""
 
 from __future__ import annotations
 
@@ -64,14 +64,25 @@ def finished(path: Path, seed: int, cases: Sequence[Case] | None = None) -> set[
     return {r["name"] for r in records if truths.get(r["name"]) == r["truth"]}
 
 
-def joined(diagnoses: Path, sizes: Path) -> list[dict[str, Any]]:
-    """Return the cases of which both is finished, diagnosis and sizes."""
-    known = {r["name"]: r for r in read(sizes)}
-    return [
-        {**r, "sizes": known[r["name"]]["sizes"], "sizes_revision": known[r["name"]]["revision"]}
-        for r in read(diagnoses)
-        if r["name"] in known and known[r["name"]]["truth"] == r["truth"]
-    ]
+def joined(diagnoses: Path, sizes: Path, floors: Path | None = None) -> list[dict[str, Any]]:
+    """Return the cases of which both is finished, diagnosis and sizes, with the floor where it was asked for."""
+    size_of, floor_of = _by_name(sizes), {} if floors is None else _by_name(floors)
+    found = []
+    for record in read(diagnoses):
+        sized, floor = (_same_case(record, known) for known in (size_of, floor_of))
+        if sized is not None:
+            one = {**record, "sizes": sized["sizes"], "sizes_revision": sized["revision"]}
+            found.append(one if floor is None else {**one, "floor": floor["floor"]})
+    return found
+
+
+def _by_name(path: Path) -> dict[str, dict[str, Any]]:
+    return {r["name"]: r for r in read(path)}
+
+
+def _same_case(record: dict[str, Any], known: dict[str, dict[str, Any]]) -> dict[str, Any] | None:
+    other = known.get(record["name"])
+    return other if other is not None and other["truth"] == record["truth"] else None
 
 
 def _ends_whole(path: Path) -> bool:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Score", "Share", "score", "share", "wilson"]
 
+#: An error of so many times the floor is at the floor.
+_WITHIN: Final = 1.1
 _Z95: Final = 1.959964
 #: Numbers of the base pixel: their names in results, and in a pixel model.
 _BASE: Final = {
@@ -35,7 +37,7 @@ class Score:
     coverage: dict[str, bool]  #: of each fitted number that has a truth: its 90 % interval contains it
     errors: tuple[float, ...]  #: deviance per degree of freedom, step by step
     unseen: tuple[float, ...]  #: the same on points that the fit did not see
-    floor: float
+    floor: float  #: what chance leaves of the true model
 
     @property
     def unexplained(self) -> bool:
@@ -45,7 +47,12 @@ class Score:
     @property
     def at_floor(self) -> bool:
         """Whether the last error is within 10 % of the floor."""
-        return bool(self.errors) and self.errors[-1] <= 1.1 * self.floor
+        return bool(self.errors) and self.errors[-1] <= _WITHIN * self.floor
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether it is said to be explained, and leaves more than chance usually leaves of a true model."""
+        return self.verdict == "explained" and not (bool(self.errors) and self.errors[-1] <= _WITHIN)
 
     @property
     def falls(self) -> bool:
@@ -97,7 +104,7 @@ def wilson(k: int, n: int, z: float = _Z95) -> tuple[float, float]:
     return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
-def score(truth: Mapping[str, Any], found: Mapping[str, Any]) -> Score:
+def score(truth: Mapping[str, Any], found: Mapping[str, Any], floor: float | None = None) -> Score:
     """Return what a diagnosis is worth.
 
     Parameters
@@ -106,6 +113,8 @@ def score(truth: Mapping[str, Any], found: Mapping[str, Any]) -> Score:
         :meth:`benchmarks.planted.cases.Case.to_dict`.
     found
         The JSON of a diagnosis, ``evs-bench-diagnosis/1``.
+    floor
+        What the true model leaves, where it was asked for; if not, what is usual: 1.
     """
     planted = tuple(truth["model"]["effects"])
     wanted = tuple(e for e in planted if e not in truth["left_out"])
@@ -121,7 +130,7 @@ def score(truth: Mapping[str, Any], found: Mapping[str, Any]) -> Score:
         coverage=_coverage(truth, steps[-1]["parameters"]) if steps else {},
         errors=tuple(_number(s["error"]["deviance_per_dof"]) for s in steps),
         unseen=tuple(_number(s["error"]["heldout_deviance_per_dof"]) for s in steps),
-        floor=float(found["noise_floor"]),
+        floor=max(float(found["noise_floor"]), floor or 0.0),
     )
 
 

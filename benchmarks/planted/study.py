@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, Final
 from bench.compute import Workforce
 from bench.run.software import revision
 from benchmarks.planted.cases import KINDS, cases
-from benchmarks.planted.results import append, finished, joined
-from benchmarks.planted.trial import Trial, run_sizes, run_trial
+from benchmarks.planted.results import append, finished, joined, read
+from benchmarks.planted.score import score
+from benchmarks.planted.trial import Trial, run_floor, run_sizes, run_trial
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,9 +38,11 @@ _ROOT: Final = Path(__file__).resolve().parents[2]
 _DOCS: Final = _ROOT / "docs" / "reference"
 #: Finished cases are kept beside the report, so that a study of many hours goes on in any checkout.
 _RESULTS: Final = _DOCS / "planted-study"
-_SIZES, _DIAGNOSES = "sizes.jsonl", "cases.jsonl"
+_SIZES, _DIAGNOSES, _FLOORS = "sizes.jsonl", "cases.jsonl", "floors.jsonl"
 #: What is done with each case, and the file that it goes to.
 _WORK: Final[Mapping[str, Callable[[Trial], dict[str, Any]]]] = {_SIZES: run_sizes, _DIAGNOSES: run_trial}
+#: and with those whose diagnosis leaves more than chance usually leaves of the truth.
+_AFTERWARDS: Final[Mapping[str, Callable[[Trial], dict[str, Any]]]] = {_FLOORS: run_floor}
 
 
 def wanted(seed: int, only: Sequence[str] = (), limit: int | None = None) -> list[Case]:
@@ -125,9 +128,8 @@ def main(arguments: list[str]) -> int:
     asked = _parser().parse_args(arguments)
     try:
         chosen = wanted(asked.seed, asked.only, asked.limit)
-        work = {name: done for name, done in _WORK.items() if name in _files(asked)}
-        failed = 0 if asked.report else run_study(chosen, asked.results, asked.seed, asked.workers, _tell, work)
-        records = joined(asked.results / _DIAGNOSES, asked.results / _SIZES)
+        failed = 0 if asked.report else _run(asked, chosen)
+        records = joined(*(asked.results / name for name in (_DIAGNOSES, _SIZES, _FLOORS)))
         if not records:
             if not asked.report:
                 return int(failed > 0)
@@ -139,6 +141,22 @@ def main(arguments: list[str]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return int(failed > 0)
+
+
+def _run(asked: argparse.Namespace, chosen: Sequence[Case]) -> int:
+    """Run what is asked for, and return how much failed."""
+    work = {name: done for name, done in _WORK.items() if name in _files(asked)}
+    failed = run_study(chosen, asked.results, asked.seed, asked.workers, _tell, work)
+    if _DIAGNOSES in work:
+        doubted = _above_the_floor(asked.results)
+        again = [case for case in chosen if case.name in doubted]
+        failed += run_study(again, asked.results, asked.seed, asked.workers, _tell, _AFTERWARDS)
+    return failed
+
+
+def _above_the_floor(results: Path) -> set[str]:
+    """Return the names of the cases whose diagnosis asks what chance leaves of the truth."""
+    return {r["name"] for r in read(results / _DIAGNOSES) if score(r["truth"], r["diagnosis"]).is_doubted}
 
 
 def _files(asked: argparse.Namespace) -> tuple[str, ...]:
@@ -163,12 +181,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _line(case: Case, record: dict[str, Any]) -> str:
-    from benchmarks.planted.score import score
-
     planted = ", ".join(case.planted) or "nothing"
     if "sizes" in record:
         sizes = ", ".join(f"{e} {size:.1f}" for e, size in record["sizes"]["size"].items()) or planted
         return f"{case.name}: size of {sizes}"
+    if "floor" in record:
+        return f"{case.name}: the truth leaves {record['floor']:.3f}"
     found = score(record["truth"], record["diagnosis"])
     named = ", ".join("/".join(g) for g in found.groups) or "nothing"
     return f"{case.name}: {planted} -> {named}, {found.verdict}, {record['seconds']:.0f} s"

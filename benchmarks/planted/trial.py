@@ -1,4 +1,4 @@
-"""One case: its sizes, or its run and what a diagnosis says of it; neither knows of the other."""
+"""One case: its sizes, what a diagnosis says of its run, or what the truth leaves there; none knows of another."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from benchmarks.planted.cases import Case
 
-__all__ = ["MOST", "Trial", "diagnose_run", "run_sizes", "run_trial"]
+__all__ = ["MOST", "Trial", "diagnose_run", "run_floor", "run_sizes", "run_trial"]
 
 MOST: Final = 3  #: effects that a diagnosis adds at the most
 
@@ -47,6 +47,15 @@ def run_sizes(trial: Trial) -> dict[str, Any]:
     """Return the record of the sizes of a case."""
     sizes = sizes_of(trial.case, mimics=trial.case.kind == "outside")
     return _plain({**_head(trial), "sizes": asdict(sizes)})
+
+
+def run_floor(trial: Trial) -> dict[str, Any]:
+    """Return the record of what the true model leaves of the run of a case."""
+    from benchmarks.planted.floor import floor_of
+
+    with tempfile.TemporaryDirectory(prefix="planted-") as folder:
+        run = make_run(trial.case, Path(folder) / trial.case.name)
+        return _plain({**_head(trial), "floor": floor_of(run, trial.case.model)})
 
 
 def _head(trial: Trial) -> dict[str, Any]:

@@ -107,6 +107,14 @@ def test_the_fall_of_the_error(errors: tuple[float | None, ...], at_floor: bool,
     assert (found.at_floor, found.falls) == (at_floor, falls)
 
 
+def test_the_floor_is_what_the_true_model_leaves_but_no_less_than_one() -> None:
+    above = diagnosis("leak", errors=(40.0, 1.15))
+    assert not score(truth("leak"), above).at_floor
+    assert score(truth("leak"), above, floor=1.06).at_floor
+    assert not score(truth("leak"), above, floor=1.04).at_floor
+    assert score(truth("leak"), diagnosis("leak", errors=(40.0, 1.05)), floor=0.8).at_floor
+
+
 def test_data_that_are_not_fit_to_judge_have_no_steps() -> None:
     found = score(truth("leak"), diagnosis(verdict="data_not_fit_to_judge", errors=()))
     assert (found.errors, found.coverage, found.first_right) == ((), {}, False)

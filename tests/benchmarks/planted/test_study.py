@@ -116,6 +116,33 @@ def test_the_options_choose_what_is_done(tmp_path: Path, monkeypatch: pytest.Mon
     assert (tmp_path / "docs" / "planted-study.md").exists()
 
 
+def test_what_the_truth_leaves_is_asked_for_where_more_is_left_than_is_usual(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last = {"single-000": 1.15, "single-001": 1.15, "single-002": 1.05}
+
+    def ends_at(trial: Trial) -> dict[str, Any]:
+        record = diagnosed(trial)
+        record["diagnosis"]["verdict"] = "unexplained" if trial.case.name == "single-001" else "explained"
+        record["diagnosis"]["steps"][-1]["error"]["deviance_per_dof"] = last[trial.case.name]
+        return record
+
+    monkeypatch.setattr("benchmarks.planted.study._WORK", {**WORK, "cases.jsonl": ends_at})
+    monkeypatch.setattr(
+        "benchmarks.planted.study._AFTERWARDS", {"floors.jsonl": lambda one: {**head(one), "floor": 1.12}}
+    )
+    only = [part for name in last for part in ("--only", name)]
+    assert main([*only, "--results", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 0
+    assert names_in(tmp_path / "floors.jsonl") == {"single-000"}
+    page = (tmp_path / "docs" / "planted-study.md").read_text()
+    assert "the last error is within 10 % of the floor | all | 2 of 2" in page
+    planted = wanted(1, only=["single-000"])[0].planted[0]
+    assert any(
+        row.startswith(f"| single-000 | {planted} (2) |") and row.endswith("| 1.150 | 1.120 |")
+        for row in page.splitlines()
+    )
+
+
 def test_a_torn_line_is_ignored_and_its_case_run_again(tmp_path: Path) -> None:
     results = tmp_path / "cases.jsonl"
     chosen = wanted(1, limit=1)
