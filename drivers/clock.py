@@ -1,10 +1,22 @@
-"""The real clock."""
+"""Clocks: what a device knows of time, and the real one."""
 
 from __future__ import annotations
 
 import time
+from typing import Protocol, runtime_checkable
 
-__all__ = ["RealClock"]
+__all__ = ["Clock", "RealClock"]
+
+
+@runtime_checkable
+class Clock(Protocol):
+    """The time a device lives in: the real one, or a simulated world's."""
+
+    def now(self) -> float:
+        """Return the time in seconds since an arbitrary start; it never goes back."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let `seconds` pass."""
 
 
 class RealClock:

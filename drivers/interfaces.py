@@ -12,10 +12,11 @@ from __future__ import annotations
 import logging
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from drivers.clock import Clock
 from drivers.errors import DeviceError, OutOfRange, Unsupported, WrongState
 
 if TYPE_CHECKING:
@@ -43,17 +44,6 @@ __all__ = [
     "Waveform",
     "World",
 ]
-
-
-@runtime_checkable
-class Clock(Protocol):
-    """The time a device lives in: the real one, or a simulated world's."""
-
-    def now(self) -> float:
-        """Return the time in seconds since an arbitrary start; it never goes back."""
-
-    def sleep(self, seconds: float) -> None:
-        """Let `seconds` pass."""
 
 
 class World(ABC):  # noqa: B024 - it declares, and asks for nothing

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.importing.point_file import quality_of, refuse_what_is_lost
+from bench.store.event_reader import read_events
 from bench.store.probe import probe
-from bench.store.reader import read_events, read_point
+from bench.store.reader import read_point
 from drivers.events.raw import Recording, open_recording
 from drivers.events.types import TRIGGER_DTYPE, EventChunk, empty_events, empty_triggers
 from protocols.errors import InputError

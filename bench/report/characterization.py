@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from bench.report import characterization_captions as captions
 from bench.report.characterization_tables import family_table, headlines, level_table
 from bench.report.characterized import JSON_FILE, read_characterization
 from bench.report.figures import bandwidth, level_thresholds, mismatch, noise_light, weber
-from bench.report.gallery import Picture
+from bench.report.showing import FIGURES, Picture, show, write_figures
 from bench.report.wording import polarity_label
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from bench.report.characterization_tables import Headline
     from bench.report.characterized import SavedCharacterization, SavedFamily
-    from bench.report.page import Shown
     from bench.report.results_table import Table
+    from bench.report.showing import Shown
 
 __all__ = [
     "CharacterizationSection",
@@ -27,8 +27,6 @@ __all__ = [
     "characterization_section",
     "draw_characterization",
 ]
-
-_FIGURES: Final = "figures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +59,8 @@ def characterization_section(folder: Path, figures: Path) -> CharacterizationSec
     """
     if not (folder / JSON_FILE).exists():
         return None
-    from bench.report.figures.style import house_style
-    from bench.report.write import show
-
     found = read_characterization(folder)
-    figures.mkdir(parents=True, exist_ok=True)
-    with house_style():
-        shown = tuple(show(picture, figures) for picture in characterization_pictures(found))
+    shown = show(characterization_pictures(found), figures)
     return CharacterizationSection(
         runs=found.runs,
         headlines=headlines(found),
@@ -92,19 +85,7 @@ def draw_characterization(folder: Path) -> tuple[Path, ...]:
     InputError
         There is no characterization, or it cannot be read.
     """
-    from bench.report.figures.style import house_style
-    from bench.report.saving import lay_out, save_figure
-
-    found = read_characterization(folder)
-    figures = folder / _FIGURES
-    figures.mkdir(parents=True, exist_ok=True)
-    files: list[Path] = []
-    with house_style():
-        for picture in characterization_pictures(found):
-            figure = picture.draw()
-            lay_out(figure)
-            files += save_figure(figure, figures, picture.name)
-    return tuple(files)
+    return write_figures(characterization_pictures(read_characterization(folder)), folder / FIGURES)
 
 
 def characterization_pictures(found: SavedCharacterization) -> Iterator[Picture]:

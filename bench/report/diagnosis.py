@@ -18,8 +18,8 @@ from bench.diagnosis.telling.wording import (
 )
 from bench.report import captions
 from bench.report.figures import error_fall, misfit_map, ranking, residual_axes
-from bench.report.gallery import Picture
 from bench.report.results_table import Cell, Table
+from bench.report.showing import FIGURES, Picture, show
 from bench.report.wording import MISSING, capital
 from bench.store.durable import write_whole
 from bench.store.layout import PART_SUFFIX
@@ -30,12 +30,11 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.result import Candidate, Outcome
     from bench.diagnosis.telling.by_axis import Bin
-    from bench.report.page import Shown
+    from bench.report.showing import Shown
 
 __all__ = ["PAGE", "DiagnosisSection", "diagnosis_pictures", "diagnosis_section", "write_diagnosis"]
 
 PAGE: Final = "diagnosis.html"
-_FIGURES: Final = "figures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +68,8 @@ def diagnosis_section(folder: Path, figures: Path) -> DiagnosisSection | None:
     """
     if not (folder / JSON_FILE).exists():
         return None
-    from bench.report.figures.style import house_style
-    from bench.report.write import show
-
     outcome, bins = read_outcome(folder / JSON_FILE), read_bins(folder / BINS_FILE)
-    figures.mkdir(parents=True, exist_ok=True)
-    with house_style():
-        shown = tuple(show(picture, figures) for picture in diagnosis_pictures(outcome, bins))
-    return _section(outcome, shown)
+    return _section(outcome, show(diagnosis_pictures(outcome, bins), figures))
 
 
 def write_diagnosis(folder: Path) -> Path:
@@ -87,10 +80,10 @@ def write_diagnosis(folder: Path) -> Path:
     InputError
         There is no diagnosis, or it cannot be read.
     """
-    from bench.report.page import template
+    from bench.report.template import template
     from protocols.errors import InputError
 
-    section = diagnosis_section(folder, folder / _FIGURES)
+    section = diagnosis_section(folder, folder / FIGURES)
     if section is None:
         raise InputError(f"{folder}: has no {JSON_FILE}; expected what 'evs-bench diagnose' writes")
     page = folder / PAGE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bench.report import captions
@@ -18,28 +17,17 @@ from bench.report.figures import (
     scurves,
     thresholds,
 )
+from bench.report.showing import Picture
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from matplotlib.figure import Figure
+    from collections.abc import Iterator
 
     from bench.analysis.results import Analysis
     from bench.report.example import RunLike
     from bench.report.families import Family
     from bench.report.trace import ModelTrace
 
-__all__ = ["Picture", "pictures"]
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """One figure of the report, not yet drawn."""
-
-    name: str  #: of its files
-    title: str
-    caption: str  #: what it shows and what to look at
-    draw: Callable[[], Figure]
+__all__ = ["pictures"]
 
 
 def pictures(run: RunLike, analysis: Analysis, model_trace: ModelTrace | None) -> Iterator[Picture]:

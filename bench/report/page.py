@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bench.report import results_table as tables
 from bench.report.facts import facts_of, software_of
+from bench.report.template import template
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from jinja2 import Template
 
     from bench.analysis.results import Analysis
     from bench.report.characterization import CharacterizationSection
     from bench.report.diagnosis import DiagnosisSection
     from bench.report.example import RunLike
+    from bench.report.showing import Shown
 
-__all__ = ["Shown", "render", "template"]
-
-
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """A figure as the page shows it."""
-
-    name: str
-    title: str
-    caption: str
-    image: str  #: a data URI
-    files: tuple[str, ...]  #: relative to the page
+__all__ = ["render"]
 
 
 def render(
@@ -70,17 +58,3 @@ def render(
         quantiles=sorted({curve.quantile for curve in analysis.curves}),
         software=software_of(run.header),
     )
-
-
-def template(name: str) -> Template:
-    """Return one of the pages of this package, to be filled; a name that it uses and does not get is an error."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("bench.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(name)

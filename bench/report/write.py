@@ -9,14 +9,11 @@ if TYPE_CHECKING:
 
     from bench.analysis.results import Analysis
     from bench.report.example import RunLike
-    from bench.report.gallery import Picture
-    from bench.report.page import Shown
     from bench.report.trace import ModelTrace
 
-__all__ = ["PAGE", "show", "write_report"]
+__all__ = ["PAGE", "write_report"]
 
 PAGE: Final = "report.html"
-_FIGURES: Final = "figures"
 _TABLES: Final = "tables"
 
 
@@ -55,29 +52,15 @@ def write_report(
     from bench.analysis.tables import write_csv
     from bench.report.characterization import characterization_section
     from bench.report.diagnosis import diagnosis_section
-    from bench.report.figures.style import house_style
     from bench.report.gallery import pictures
     from bench.report.page import render
+    from bench.report.showing import FIGURES, show
 
-    figures = folder / _FIGURES
-    figures.mkdir(parents=True, exist_ok=True)
-    with house_style():
-        shown = [show(picture, figures) for picture in pictures(run, analysis, model_trace)]
+    figures = folder / FIGURES
+    shown = show(pictures(run, analysis, model_trace), figures)
     section = None if diagnosis is None else diagnosis_section(diagnosis, figures)
     sensor = None if characterization is None else characterization_section(characterization, figures)
     tables = [f"{_TABLES}/{path.name}" for path in write_csv(analysis, folder / _TABLES)]
     page = folder / PAGE
     page.write_text(render(run, analysis, shown, tables, section, sensor), encoding="utf-8", newline="\n")
     return page
-
-
-def show(picture: Picture, folder: Path) -> Shown:
-    """Draw one figure, write its files, and return what the page needs of it."""
-    from bench.report.page import Shown
-    from bench.report.saving import lay_out, save_figure, svg_data_uri
-
-    figure = picture.draw()
-    lay_out(figure)
-    files = save_figure(figure, folder, picture.name)
-    names = tuple(f"{_FIGURES}/{path.name}" for path in files)
-    return Shown(picture.name, picture.title, picture.caption, svg_data_uri(figure), names)

@@ -14,10 +14,11 @@ from bench.run.refining import Refining
 from bench.run.runner import Crew, Rest, RunResult, carry_out, require_conditions, require_operator
 from bench.run.software import software_versions
 from bench.store.errors import RunError
+from bench.store.event_reader import read_events
 from bench.store.journal import last_done, read_journal
 from bench.store.layout import JOURNAL_FILE, RUN_FILE
 from bench.store.probe import probe
-from bench.store.reader import read_events, read_point
+from bench.store.reader import read_point
 from bench.store.run import unsound_points
 from bench.store.writer import RunWriter
 from protocols.errors import InputError

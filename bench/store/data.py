@@ -87,7 +87,7 @@ class PointData:
 
         A file that turns out to be damaged raises :class:`bench.store.errors.RunError`.
         """
-        from bench.store.reader import read_events
+        from bench.store.event_reader import read_events
 
         if self.stored_roi is None:
             return read_events(self.path, chunk, self.roi, self.until_s)

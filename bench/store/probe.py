@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from bench.store.errors import RunError
-from bench.store.reader import read_events, read_point
+from bench.store.event_reader import read_events
+from bench.store.reader import read_point
 from protocols.points import Roi
 
 if TYPE_CHECKING:

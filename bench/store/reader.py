@@ -1,4 +1,4 @@
-"""Reading one point file: its description at once, its events in chunks.
+"""Reading the description of one point file; its events stay on disk.
 
 A file that is not what the format says raises :class:`~bench.store.errors.RunError`, in one line that names the file
 and the dataset. What the format does not know is kept (root attributes) or ignored.
@@ -6,7 +6,6 @@ and the dataset. What the format does not know is kept (root attributes) or igno
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 from typing import TYPE_CHECKING, Any, Final, cast, get_args
@@ -15,24 +14,20 @@ import numpy as np
 
 from bench.store import layout
 from bench.store.data import PointData
-from bench.store.errors import RunError
-from drivers.events.types import EVENT_DTYPE
+from bench.store.datasets import Datasets, opened, plain
 from protocols.points import Polarity, Roi, Waveform
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     import numpy.typing as npt
 
     from bench.store.layout import Dataset
 
-__all__ = ["read_events", "read_point"]
+__all__ = ["read_point"]
 
 _log = logging.getLogger("evs_bench.store")
 _REQUIRED: Final = object()
-#: What h5py raises on damaged files, depending on where the damage is.
-_DAMAGE: Final = (OSError, KeyError, RuntimeError, ValueError, TypeError, OverflowError, MemoryError, AttributeError)
 
 
 def read_point(path: Path, roi: Roi) -> PointData:
@@ -50,35 +45,16 @@ def read_point(path: Path, roi: Roi) -> PointData:
     RunError
         If the file is not readable, not of the format, or does not agree with itself.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         return _Reader(path, file).point(roi)
 
 
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Open an HDF5 file; whatever h5py raises while it is read becomes one line."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except RunError:
-        raise
-    except FileNotFoundError as error:
-        raise RunError(f"{path}: there is no such file") from error
-    except PermissionError as error:
-        raise RunError(f"{path}: no permission to read it") from error
-    except _DAMAGE as error:
-        raise RunError(f"{path}: damaged: {' '.join(str(error).split())}") from error
-
-
-class _Reader:
+class _Reader(Datasets):
     """Reads and checks the parts of one open point file."""
 
     def __init__(self, path: Path, file: Any) -> None:
-        self.path = path
-        self.file = file
-        self.attributes = {str(key): _plain(value) for key, value in file.attrs.items()}
+        super().__init__(path, file)
+        self.attributes = {str(key): plain(value) for key, value in file.attrs.items()}
 
     def point(self, roi: Roi) -> PointData:
         """Return the whole description."""
@@ -125,10 +101,6 @@ class _Reader:
 
     # Attributes of the file.
 
-    def fail(self, what: str) -> RunError:
-        """Return the error that says `what` is wrong with this file."""
-        return RunError(f"{self.path}: {what}")
-
     def attribute(self, name: str) -> Any:
         """Return a root attribute that must be there."""
         if name not in self.attributes:
@@ -173,7 +145,7 @@ class _Reader:
         """Return the attributes of an optional group."""
         if group not in self.file:
             return {}
-        return {str(key): _plain(value) for key, value in self.file[group].attrs.items()}
+        return {str(key): plain(value) for key, value in self.file[group].attrs.items()}
 
     def numbers_of(self, group: str) -> dict[str, float]:
         """Return the attributes of an optional group that are numbers."""
@@ -181,12 +153,6 @@ class _Reader:
         return {key: float(value) for key, value in found.items() if isinstance(value, int | float)}
 
     # Datasets.
-
-    def dataset(self, spec: Dataset) -> Any:
-        """Return a dataset that must be there, after a check of its type, shape and units."""
-        if spec.path not in self.file:
-            raise self.fail(f"the dataset /{spec.path} is missing")
-        return checked(self.path, self.file[spec.path], spec)
 
     def vector(self, spec: Dataset) -> npt.NDArray[Any]:
         """Return the values of a dataset that must be there."""
@@ -197,18 +163,6 @@ class _Reader:
         if spec.path not in self.file:
             return np.empty((0, spec.columns), spec.dtype)
         return self.vector(spec)
-
-    def same_length(self, *specs: Dataset) -> int:
-        """Return the common length of several datasets."""
-        lengths = {spec.path: self.dataset(spec).shape[0] for spec in specs}
-        if len(set(lengths.values())) > 1:
-            found = ", ".join(f"/{path} has {n}" for path, n in lengths.items())
-            raise self.fail(f"datasets of different length: {found}")
-        return int(next(iter(lengths.values())))
-
-    def event_count(self) -> int:
-        """Return the number of events."""
-        return self.same_length(*layout.EVENT_DATASETS)
 
     def stimulus(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Return the times (s) and levels (lux) of the stimulus."""
@@ -261,106 +215,3 @@ class _Reader:
         falls = np.flatnonzero(values[1:] < values[:-1])
         if falls.size:
             raise self.fail(f"the dataset /{spec.path} goes back in time at entry {int(falls[0]) + 1}")
-
-
-def checked(path: Path, dataset: Any, spec: Dataset) -> Any:
-    """Return `dataset` if type, shape and units are those of `spec`, else raise :class:`RunError`."""
-    name = f"{path}: the dataset /{spec.path}"
-    dtype, shape = getattr(dataset, "dtype", None), getattr(dataset, "shape", None)
-    if dtype is None or shape is None:
-        raise RunError(f"{name} is no array")
-    if dtype.kind not in "iuf" or not np.can_cast(dtype, spec.dtype, "safe"):
-        raise RunError(f"{name} is of type {dtype}, expected {spec.dtype}")
-    expected = f"(n, {spec.columns})" if spec.columns else "(n,)"
-    if len(shape) != (2 if spec.columns else 1) or (spec.columns and shape[1] != spec.columns):
-        raise RunError(f"{name} has the shape {shape}, expected {expected}")
-    units = _plain(dataset.attrs.get("units"))
-    if units is not None and units not in spec.units:
-        raise RunError(f"{name} has the units {units!r}, expected {spec.units[0]!r}")
-    return dataset
-
-
-def _plain(value: Any) -> Any:
-    """Return an attribute as a plain Python value: text for bytes, a number for arrays of one."""
-    if isinstance(value, np.ndarray) and value.size == 1:
-        value = value.reshape(-1)[0]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
-def read_events(
-    path: Path, chunk: int = 1_000_000, roi: Roi | None = None, until_s: float = math.inf
-) -> Iterator[npt.NDArray[np.void]]:  # fmt: skip
-    """Yield the events of the point file `path` in order, at most `chunk` at a time.
-
-    Parameters
-    ----------
-    path
-        An HDF5 file of format ``evs-bench-point/1``.
-    chunk
-        Largest number of events in one array.
-    roi
-        The window in which all events must lie; None for no such check.
-    until_s
-        Later events are neither read nor checked.
-
-    Yields
-    ------
-    ndarray
-        (n,) of :data:`~drivers.events.types.EVENT_DTYPE`, n > 0.
-
-    Raises
-    ------
-    RunError
-        If the file is damaged, time goes back, or an event lies outside the window.
-    """
-    with _opened(path) as file:
-        reader = _Reader(path, file)
-        n = reader.event_count()
-        columns = {spec.path[-1]: reader.dataset(spec) for spec in layout.EVENT_DATASETS}
-    done, last_t = 0, 0
-    while done < n:
-        with _opened(path) as file:
-            columns = {spec.path[-1]: file[spec.path] for spec in layout.EVENT_DATASETS}
-            events = _slice(columns, done, min(n, done + chunk))
-        _check_events(path, events, done, last_t, roi)
-        last_t = int(events["t"][-1])
-        done += len(events)
-        if last_t <= until_s * 1e6:
-            yield events
-            continue
-        wanted = events[events["t"] <= until_s * 1e6]
-        if len(wanted):
-            yield wanted
-        return
-
-
-def _slice(columns: dict[str, Any], start: int, stop: int) -> npt.NDArray[np.void]:
-    events = np.empty(stop - start, EVENT_DTYPE)
-    for name, column in columns.items():
-        events[name] = column[start:stop]
-    return events
-
-
-def _check_events(path: Path, events: npt.NDArray[np.void], first: int, last_t: int, roi: Roi | None) -> None:
-    """Raise unless time does not go back, polarity is 0 or 1, and all lie in the window."""
-    t = events["t"]
-    falls = np.flatnonzero(np.diff(t, prepend=last_t) < 0)
-    if falls.size:
-        raise RunError(
-            f"{path}: the dataset /events/t goes back in time (or before 0) at event {first + int(falls[0])}"
-        )
-    wrong = np.flatnonzero(events["p"] > 1)
-    if wrong.size:
-        raise RunError(f"{path}: the dataset /events/p holds {int(events['p'][wrong[0]])}, expected 0 or 1")
-    if roi is None:
-        return
-    x, y = events["x"].astype(np.int64) - roi.x, events["y"].astype(np.int64) - roi.y
-    outside = np.flatnonzero((x < 0) | (y < 0) | (x >= roi.width) | (y >= roi.height))
-    if outside.size:
-        e = events[outside[0]]
-        raise RunError(
-            f"{path}: event {first + int(outside[0])} at x = {e['x']}, y = {e['y']} lies outside the window "
-            f"({roi.width} x {roi.height} from {roi.x}, {roi.y})"
-        )

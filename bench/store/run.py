@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Final
 
 from bench.store import layout
 from bench.store.errors import RunError
+from bench.store.event_reader import read_events
 from bench.store.header import read_header
 from bench.store.journal import RUN_STATES, JournalEntry, last_done, read_journal, skipped
 from bench.store.probe import is_known, probe, remember
-from bench.store.reader import read_events, read_point
+from bench.store.reader import read_point
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -5,7 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
+
+from bench.report.showing import FIGURES, Picture, show
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -14,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
     from bench.analysis.results import Estimate
-    from bench.report.page import Shown
     from bench.study.claims import Finding
     from bench.study.figure_schema import Figure
     from bench.study.run import StudyResult
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = ["PAGE", "number_text", "write_study_report"]
 
 PAGE: Final = "report.html"
-_FIGURES: Final = "figures"
 _TABLES: Final = "tables"
 
 
@@ -33,14 +34,10 @@ def write_study_report(result: StudyResult, folder: Path) -> Path:
     `folder`/tables as CSV. A figure of which nothing was run is left out. The same result gives the same bytes with
     the same versions of the libraries.
     """
-    from bench.report.figures.style import house_style
-    from bench.report.page import template
+    from bench.report.template import template
     from bench.study.numbers import acceptable_noise, bias_points, recommendations, reset_points
 
-    figures = folder / _FIGURES
-    figures.mkdir(parents=True, exist_ok=True)
-    with house_style():
-        shown = list(_figures(result, figures))
+    shown = show(_pictures(result), folder / FIGURES)
     page = template("study.html").render(
         result=result,
         study=result.study,
@@ -66,20 +63,13 @@ def verdict_counts(findings: Sequence[Finding]) -> dict[str, int]:
     return {name: sum(f.verdict == name for f in findings) for name in names}
 
 
-def _figures(result: StudyResult, folder: Path) -> Iterator[Shown]:
-    from bench.report.page import Shown
-    from bench.report.saving import lay_out, save_figure, svg_data_uri
-
+def _pictures(result: StudyResult) -> Iterator[Picture]:
     for figure in result.study.figures:
-        drawing = _draw(result, figure)
-        if drawing is None:
-            continue
-        lay_out(drawing)
-        files = tuple(f"{_FIGURES}/{path.name}" for path in save_figure(drawing, folder, figure.name))
-        yield Shown(figure.name, figure.title, figure.caption, svg_data_uri(drawing), files)
+        yield Picture(figure.name, figure.title, figure.caption, partial(_draw, result, figure))
 
 
 def _draw(result: StudyResult, figure: Figure) -> Drawing | None:
+    """Return a figure, or None where nothing was run that it shows."""
     from bench.study.figures import curves, grids, principles
     from bench.study.numbers import bias_points, reset_points
 

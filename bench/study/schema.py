@@ -6,6 +6,7 @@ of the outcome, with the expected number and the tolerance, both written down be
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -17,7 +18,7 @@ from protocols.base import Contrast, FrozenModel, Number, PathProblem, Seconds, 
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 __all__ = ["FORMAT", "Effort", "Grid", "Reset", "Stimulus", "Study", "Variant"]
 
@@ -147,10 +148,14 @@ class Grid(FrozenModel):
 
     def variants(self, *, quick: bool) -> tuple[Variant, ...]:
         """Return the variants of the grid; on a quick run those of the few values only."""
-        from bench.study.grids import places
-
         axes = {name: self.quick.get(name, values[:1]) for name, values in self.axes.items()} if quick else self.axes
-        return tuple(self._variant(i, at) for i, at in enumerate(places(axes, self), start=1))
+        return tuple(self._variant(i, at) for i, at in enumerate(self._places(axes), start=1))
+
+    def _places(self, axes: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
+        """Return every combination of axes, or one axis at a time."""
+        if not self.one_at_a_time:
+            return [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+        return [{name: value} for name, values in axes.items() for value in values]
 
     def _variant(self, number: int, at: dict[str, float]) -> Variant:
         reset = {name: value for name, value in at.items() if name in Reset.model_fields}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 from drivers.clock import RealClock
 
 if TYPE_CHECKING:
-    from drivers.interfaces import Clock
+    from drivers.clock import Clock
 
 __all__ = ["Trace"]
 

@@ -11,7 +11,8 @@ import pytest
 
 from bench.store import Run, RunError
 from bench.store import probe as probing
-from bench.store.reader import read_events, read_point
+from bench.store.event_reader import read_events
+from bench.store.reader import read_point
 from protocols.points import Roi
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ import pytest
 import yaml
 
 from bench.store import Run, RunError
-from bench.store.reader import read_events, read_point
+from bench.store.event_reader import read_events
+from bench.store.reader import read_point
 from bench.store.run import sha256_of
 from protocols.points import Roi
 
