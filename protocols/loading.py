@@ -42,7 +42,7 @@ def load_protocol(name_or_path: str | os.PathLike[str]) -> LoadedProtocol:
     """
     name = str(name_or_path)
     if name in library.names():
-        return library.load(name)
+        return parse_protocol(library.text(name), name)
     if not Path(name_or_path).exists():
         raise InputError(_unknown(name))
     return parse_protocol(read_text(name_or_path), name)

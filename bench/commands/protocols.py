@@ -21,11 +21,11 @@ def command(ctx: click.Context, as_json: bool) -> None:
 
 
 def _list(as_json: bool) -> None:
-    from protocols import library
+    from protocols import library, load_protocol
 
     found = []
     for name in library.names():
-        protocol = library.load(name).protocol
+        protocol = load_protocol(name).protocol
         estimate = protocol.estimate()
         found.append((name, estimate.points, estimate.duration_s, protocol.title, estimate.added))
     if as_json:

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from importlib.resources import files
-from typing import TYPE_CHECKING
 
 from protocols.errors import InputError
 
-if TYPE_CHECKING:
-    from protocols.loading import LoadedProtocol
-
-__all__ = ["load", "names", "text"]
+__all__ = ["names", "text"]
 
 
 def names() -> tuple[str, ...]:
@@ -30,16 +26,3 @@ def text(name: str) -> str:
     if name not in names():
         raise InputError(f"there is no ready-made protocol {name!r}; there are {', '.join(names())}")
     return files("protocols.library").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
-
-
-def load(name: str) -> LoadedProtocol:
-    """Return a ready-made protocol.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
-    from protocols.loading import parse_protocol
-
-    return parse_protocol(text(name), name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ POINTS = {
 
 
 def protocol(name: str) -> Protocol:
-    return library.load(name).protocol
+    return load_protocol(name).protocol
 
 
 def test_all_are_there() -> None:
@@ -175,10 +176,13 @@ def test_resolved_can_be_written_as_yaml() -> None:
     assert parse_model(text, Protocol, "run.yaml").expand() == made.expand()
 
 
-def test_loading_by_name_and_by_path(tmp_path: pytest.TempPathFactory) -> None:
+def test_loading_by_name_and_by_path(tmp_path: Path) -> None:
     loaded = load_protocol("quick_look")
-    assert loaded == library.load("quick_look")
-    assert loaded.text == library.text("quick_look")
+    assert (loaded.source, loaded.text) == ("quick_look", library.text("quick_look"))
+    copy = tmp_path / "mine.yaml"
+    copy.write_text(loaded.text, encoding="utf-8")
+    by_path = load_protocol(copy)
+    assert (by_path.source, by_path.protocol) == (str(copy), loaded.protocol)
     assert parse_protocol(loaded.text, "again").protocol == loaded.protocol
 
 

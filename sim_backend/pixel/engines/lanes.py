@@ -1,10 +1,10 @@
-"""Groups of pixels on their way through time: the fast kernel for a plain pixel, the general one for all others."""
+"""Pixels that go through time side by side: the fast kernel for plain ones, the general one for all others."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from sim_backend.pixel.engines import general_kernels, reference_kernels
 from sim_backend.pixel.engines.stationary import draw, stationary_covariance
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy.typing as npt
 
     from sim_backend.pixel.chain import Chain
@@ -24,12 +22,10 @@ if TYPE_CHECKING:
 __all__ = [
     "GeneralLanes",
     "Grid",
-    "Lanes",
     "LightStretch",
+    "PlainLanes",
     "coefficients",
-    "groups",
     "in_parts",
-    "needs_general",
     "settled",
     "to_lanes",
 ]
@@ -67,61 +63,6 @@ class LightStretch:
     leaked: Floats  #: at each sample, drift of D by the light since the start of the recording, ln units
 
 
-class Lanes(Protocol):
-    """The pixels that go through time side by side."""
-
-    pixels: slice  #: which of the chain's
-
-    def advance(self, light: LightStretch) -> npt.NDArray[np.int64]:
-        """Go through a stretch; return the events, (m, 3): sample, lane, polarity."""
-
-
-def groups(grid: Grid, chain: Chain, start_lux: float, key: tuple[Any, Any], general: bool) -> list[Lanes]:
-    """Return the chain's pixels in groups, at t = 0: settled at the first light, memorised, armed.
-
-    Parameters
-    ----------
-    grid
-        Samples.
-    chain
-        The pixels.
-    start_lux
-        Light on the chip at t = 0.
-    key
-        Seed of the recording, two uint32.
-    general
-        Take the general kernel even if the plain one would do.
-    """
-    kind = _kind(chain, general)
-    lanes = reference_kernels.LANES
-    return [
-        kind(grid, chain, slice(i, min(i + lanes, chain.pixels)), start_lux, key)
-        for i in range(0, chain.pixels, lanes)
-    ]
-
-
-def _kind(chain: Chain, general: bool) -> Callable[[Grid, Chain, slice, float, tuple[Any, Any]], Lanes]:
-    if chain.hooks.compiled:
-        from sim_backend.pixel.engines.hooked_lanes import HookedLanes
-
-        return HookedLanes
-    return GeneralLanes if general or needs_general(chain) else _PlainLanes
-
-
-def needs_general(chain: Chain) -> bool:
-    """Return whether a pixel has more than one low-pass, light-independent noise and constant thresholds."""
-    return (
-        chain.hooks.compiled
-        or chain.shot_factor > 0.0
-        or math.isfinite(min(chain.receptor_hz_per_fa, chain.receptor_max_hz))
-        or chain.slow_rms > 0.0
-        or chain.high_pass_hz > 0.0
-        or chain.leak_per_s_per_lux != 0.0
-        or chain.reset_rms > 0.0
-        or bool(np.any(chain.leak_per_s != 0.0))
-    )
-
-
 class _Group:
     """What all groups have; lanes without a pixel never have an event."""
 
@@ -149,7 +90,7 @@ class _Group:
         self.levels[:] = np.concatenate([value + self.on, value - self.off])
 
 
-class _PlainLanes(_Group):
+class PlainLanes(_Group):
     """One low-pass, one noise, constant thresholds."""
 
     def __init__(self, grid: Grid, chain: Chain, pixels: slice, start_lux: float, key: tuple[Any, Any]) -> None:

@@ -153,7 +153,7 @@ class _Recording:
     """The pixels of one recording on their way through time."""
 
     def __init__(self, engine: ReferenceEngine, chain: Chain, light: ChipLight, seed: int) -> None:
-        from sim_backend.pixel.engines import lanes, reference_kernels
+        from sim_backend.pixel.engines import lane_groups, lanes, reference_kernels
 
         self._block: int = reference_kernels.BLOCK
         self._stretch = lanes.LightStretch
@@ -163,7 +163,7 @@ class _Recording:
         self._light = light
         key = tuple(np.uint32(word) for word in split_seed(seed))
         grid = lanes.Grid(engine.dt_s, engine.step == "euler")
-        self._groups = lanes.groups(grid, chain, light.lux(0, 1)[0], (key[0], key[1]), engine.general)
+        self._groups = lane_groups.groups(grid, chain, light.lux(0, 1)[0], (key[0], key[1]), engine.general)
 
     def crossings(self, samples: int) -> Crossings:
         """Yield what the comparators find in each stretch, and the time that nothing later is before, us."""

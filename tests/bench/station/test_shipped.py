@@ -11,7 +11,7 @@ import pytest
 from bench.station import Station, load_station, stations
 from drivers.events.types import empty_events
 from drivers.interfaces import Recording, Waveform
-from protocols import library
+from protocols import library, load_protocol
 from protocols.points import Roi, Settings
 
 #: What the ready-made protocols ask for.
@@ -147,7 +147,7 @@ def test_the_simulated_station_is_noisy_and_repeatable() -> None:
 @pytest.mark.parametrize("protocol", library.names())
 def test_ready_made_protocols_get_the_settings_they_ask_for(protocol: str) -> None:
     calibration = load_station("simulated").calibration
-    for asked in {point.settings for point in library.load(protocol).protocol.expand()}:
+    for asked in {point.settings for point in load_protocol(protocol).protocol.expand()}:
         got = calibration.settings_at(calibration.biases_for(asked))
         for quantity, value in got.items():
             wanted = getattr(asked, quantity)

@@ -36,7 +36,7 @@ from sim_backend.pixel.effects import (
     ThresholdMismatch,
     TimestampJitter,
 )
-from sim_backend.pixel.engines.lanes import needs_general
+from sim_backend.pixel.engines.lane_groups import needs_general
 from sim_backend.pixel.hooks import COMPILED, HOOKS, has_hooks
 from sim_backend.pixel.parameters import parameter
 
