@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from itertools import pairwise
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,6 +16,9 @@ from protocols.expected import reset_return
 from protocols.files import parse_model
 from protocols.points import Point, ResetTestTiming
 from protocols.schema import Protocol
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 LOWEST_LUX, HIGHEST_LUX = 20 * 0.0483, 15_000 * 0.0483  # a lamp of 20 to 15000 cd/m2 through a lens, without filter
 
