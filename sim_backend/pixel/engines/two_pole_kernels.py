@@ -69,8 +69,14 @@ LEAK: Final = 4
 FIXED: Final = 5
 
 MOST_DRAWS: Final = 8  #: normal numbers of one step at the most
-#: Lights whose tables are kept: those of two levels, and of the stairs of flicker or drift at each.
-_KEPT_LIGHTS: Final = 128
+#: Lights whose tables are kept, a power of 2: of two levels the stairs of flicker, at many stairs of drift.
+_KEPT_BITS: Final = 12
+_KEPT_LIGHTS: Final = 1 << _KEPT_BITS
+#: Places in which the table of a light may be.
+_PROBES: Final = 16
+#: Spreads neighbouring numbers (2^64 over the golden ratio; Knuth, The Art of Computer Programming 3, 6.4).
+_SPREAD: Final = np.uint64(0x9E3779B97F4A7C15)
+_MANTISSA: Final = float(1 << 53)
 
 
 @lean_njit(forceinline=True)
@@ -117,17 +123,28 @@ def walk(lux, settled, gain, dark, c, v, p, s, z, used):  # type: ignore[no-unty
     return v, p, c.slow_rho * s + c.slow_sigma * np.float64(z[used + 2])
 
 
+@lean_njit(forceinline=True)
+def place_of(current):  # type: ignore[no-untyped-def]
+    """Return the first of the places in which the table of a photocurrent may be."""
+    digits = np.uint64(math.frexp(current)[0] * _MANTISSA)
+    return np.int64((digits * _SPREAD) >> np.uint64(64 - _KEPT_BITS))
+
+
 @lean_njit()
-def table_of(current, c, slow, levels, kept, tables, newest, parts):  # type: ignore[no-untyped-def]
-    """Return the number of the table of a photocurrent, made if none has it; and that of the table made last."""
-    for back in range(_KEPT_LIGHTS):
-        i = (newest - back) % _KEPT_LIGHTS
+def table_of(current, c, slow, levels, kept, tables, parts):  # type: ignore[no-untyped-def]
+    """Return the number of the table of a photocurrent, made if none has it, in place of another if it must be."""
+    first = place_of(current)
+    found = first
+    for probe in range(_PROBES):
+        i = (first + probe) & (_KEPT_LIGHTS - 1)
         if kept[i] == current:
-            return i, newest
-    newest = (newest + 1) % _KEPT_LIGHTS
-    kept[newest] = current
-    make_table(current, c, slow, levels, tables[newest], parts)
-    return newest, newest
+            return i
+        if kept[i] < 0.0:
+            found = i
+            break
+    kept[found] = current
+    make_table(current, c, slow, levels, tables[found], parts)
+    return found
 
 
 def work_room(levels: int) -> tuple[npt.NDArray[Any], ...]:
@@ -187,7 +204,6 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, work, ev
     whole, real, store = state
     levels = len(slow) - 1
     words, tables, kept, ends, lengths, numbers, states, way, parts = work
-    newest = 0
     count = 0
     draws = 3 if c.slow_sigma > 0.0 else 2  # the third number of a step is of the slow noise
     for i in range(begin, len(pixel)):
@@ -198,7 +214,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, work, ev
         on_level, off_level = real[i, ON_LEVEL], real[i, OFF_LEVEL]
         z = store[i]
         current = max(fixed[i, GAIN] * settled_lux[segment] + fixed[i, DARK], c.lowest_fa)
-        which, newest = table_of(current, c, slow, levels, kept, tables, newest, parts)
+        which = table_of(current, c, slow, levels, kept, tables, parts)
         table = tables[which]
         slope = fixed[i, LEAK] + leaks[segment]
         end = min(first[segment + 1], stop) - 1
@@ -213,7 +229,7 @@ def run_pixels(begin, stop, light, c, slow, key, pixels, sensor, state, work, ev
                 while at >= first[segment + 1] - 1:
                     segment += 1
                 current = max(fixed[i, GAIN] * settled_lux[segment] + fixed[i, DARK], c.lowest_fa)
-                which, newest = table_of(current, c, slow, levels, kept, tables, newest, parts)
+                which = table_of(current, c, slow, levels, kept, tables, parts)
                 table = tables[which]
                 slope = fixed[i, LEAK] + leaks[segment]
                 end = min(first[segment + 1], stop) - 1
