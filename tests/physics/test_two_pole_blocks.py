@@ -14,6 +14,7 @@ from protocols.points import Roi
 from sim_backend.pixel import PixelModel, build_chain
 from sim_backend.pixel.effects import LowFrequencyNoise, PhotoreceptorBandwidth, ShotNoise
 from sim_backend.pixel.engines import block_law_kernels as law
+from sim_backend.pixel.engines import two_pole_kernels
 from sim_backend.pixel.engines.excursion_kernels import START, STATES, first_crossing, inside, refill
 from sim_backend.pixel.engines.lanes import Grid, coefficients
 from sim_backend.pixel.engines.two_poles import slow_noise
@@ -51,6 +52,34 @@ def prepared(corner_hz: float, rms: float, hz_per_fa: float, current_fa: float, 
     table = np.zeros((len(slow), law.COLUMNS))
     law.make_table(current_fa, c, slow, len(slow) - 1, table, np.empty((2, law.PARTS)))
     return c, slow, table
+
+
+def test_the_table_of_a_light_is_its_own_however_many_lights_there_are() -> None:
+    c, slow, table = prepared(*PIXELS[0])
+    levels = len(slow) - 1
+    _, tables, kept, *_, parts = two_pole_kernels.work_room(levels)
+    lights = np.random.default_rng(1).uniform(0.1, 300.0, 2 * len(kept))
+    for lux in (*lights, *lights[:100], *lights[-100:]):
+        found = two_pole_kernels.table_of(lux, c, slow, levels, kept, tables, parts)
+        assert kept[found] == lux
+        law.make_table(lux, c, slow, levels, table, parts)
+        np.testing.assert_array_equal(tables[found], table)
+
+
+def test_the_light_of_drift_beside_flicker_is_worked_out_once() -> None:
+    """Some hundred stairs of flicker and drift find places of their own, and are found there again."""
+    c, slow, _ = prepared(*PIXELS[0])
+    levels = len(slow) - 1
+    _, tables, kept, *_, parts = two_pole_kernels.work_room(levels)
+    flicker = 1.0 + np.round(0.06 * np.sin(2.0 * np.pi * (np.arange(64) + 0.5) / 64), 12)
+    stairs = np.exp(-0.005 * np.arange(10.0))
+    lights = np.unique(np.outer([0.5, 1.2, 254.0], np.outer(stairs, flicker)))
+    first = [two_pole_kernels.table_of(lux, c, slow, levels, kept, tables, parts) for lux in lights]
+    assert len(set(first)) == len(lights) > 900
+    tables[:] = 0.0
+    again = [two_pole_kernels.table_of(lux, c, slow, levels, kept, tables, parts) for lux in lights]
+    assert again == first
+    assert not tables.any()  # none was made anew
 
 
 def step(c: Coefficients, current_fa: float) -> tuple[Floats, Floats]:
