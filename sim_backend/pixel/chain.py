@@ -18,7 +18,17 @@ if TYPE_CHECKING:
     from protocols.points import Roi
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["LOWEST_CURRENT_FA", "LOWEST_THRESHOLD", "Chain", "PixelDraws", "build_chain", "pixel_ids"]
+__all__ = [
+    "ELEMENTARY_CHARGE_FA_S",
+    "LOWEST_CURRENT_FA",
+    "LOWEST_THRESHOLD",
+    "Chain",
+    "PixelDraws",
+    "build_chain",
+    "pixel_ids",
+]
+
+ELEMENTARY_CHARGE_FA_S: Final = 1.602176634e-4
 
 #: The logarithm is taken of no less than this photocurrent, fA.
 LOWEST_CURRENT_FA: Final = 1e-4

@@ -80,6 +80,7 @@ SETTINGS = {
         DEFAULT + ShotNoise() + PhotoreceptorBandwidth(hz_per_fa=1.0, max_hz=1000.0) + LightRiseTime(tau_s=1e-3),
         square(0.5),
     ),
+    "shot noise": (DEFAULT + ShotNoise(factor=0.5) + Leak(rate_per_s=0.5, spread=0.3), square(0.35)),
     "slow noise": (DEFAULT + LowFrequencyNoise(rms=0.03, tau_s=0.2), square(0.35)),
 }
 

@@ -60,6 +60,16 @@ def _has_more_than_one_pole(chain: Chain) -> bool:
     return chain.shot_factor > 0.0 or receptor or chain.slow_rms > 0.0
 
 
+def _is_shot_noise_alone(chain: Chain, light: LightHistory) -> bool:
+    """Return whether only shot noise, in light that goes from level to level, keeps a pixel from having one low-pass.
+
+    Between two edges its noise is then that of another floor.
+    """
+    receptor = math.isfinite(min(chain.receptor_hz_per_fa, chain.receptor_max_hz))
+    rests = max(chain.rise_tau_s, light.rise_tau_s) == chain.drift_per_s == chain.flicker_depth == 0.0
+    return rests and chain.noise_rms > 0.0 == chain.slow_rms and not receptor
+
+
 def _leak_follows_moving_light(chain: Chain, light: LightHistory) -> bool:
     """Return whether a leak in proportion to the light has anything of moving light that can be seen."""
     if chain.leak_per_s_per_lux == 0.0:
@@ -140,7 +150,7 @@ class FastEngine:
         if fast.any():
             some = _some_pixels(quiet or chain, fast)
             walk: Walk
-            if _has_more_than_one_pole(chain):
+            if _has_more_than_one_pole(chain) and not _is_shot_noise_alone(chain, light):
                 walk = TwoPoles(some, light, self.dt_s, seed, slopes)
             else:
                 walk = OnePole(some, light, self.dt_s, seed, slopes, in_stairs=flickers)

@@ -1,6 +1,7 @@
 """Compiled parts of the fast engine: pixels with one low-pass, from event to event.
 
-Everything is in units of the rms of the noise. Between two edges of the light the output of the low-pass less its
+Everything is in units of the rms of the noise, which shot noise makes larger the less light there is: at an edge the
+unit changes. Between two edges of the light the output of the low-pass less its
 settled level is ``w``, an Ornstein-Uhlenbeck process of unit variance; an edge only moves w and the memorised w. A
 pixel goes in steps, each from a sample to a later one, all of whose samples in between have been dealt with:
 
@@ -42,7 +43,7 @@ COUNTER: Final = 5  #: counters used
 CALM: Final = 6  #: sample from which on it may jump through low stairs
 WHOLE: Final = 7  #: how many columns
 
-# Columns of the real numbers of a pixel's state, all in units of the rms
+# Columns of the real numbers of a pixel's state, all in units of the rms at the light of its segment
 OUTPUT: Final = 0  #: w, the output less the settled level and less MOVED
 LEVEL: Final = 1  #: the settled level
 MOVED: Final = 2  #: what the low-pass has made of the moving light since the last edge
@@ -53,9 +54,9 @@ REAL: Final = 5  #: how many columns
 # Columns of what is fixed for a pixel
 GAIN: Final = 0
 DARK: Final = 1
-ON: Final = 2  #: threshold over rms
+ON: Final = 2  #: threshold over the rms of the floor
 OFF: Final = 3
-LEAK: Final = 4  #: drift of D over rms, per sample
+LEAK: Final = 4  #: drift of D over the rms of the floor, per sample
 NODE: Final = 5  #: place between the pixels of the table of moving light
 FIXED: Final = 6  #: how many columns
 
@@ -72,6 +73,13 @@ _KEPT_LENGTHS: Final = 1.5
 def event_at(value, upper, lower):  # type: ignore[no-untyped-def]
     """Return 1 for an ON event, -1 for an OFF event, 0 for none."""
     return (1 if value >= upper else 0) - (1 if value <= lower else 0)
+
+
+@lean_njit(forceinline=True)
+def rms_at(current, noise):  # type: ignore[no-untyped-def]
+    """Return the rms of the noise at a photocurrent (fA)."""
+    floor, shot = noise
+    return math.sqrt(floor * floor + shot / current) if shot > 0.0 else floor
 
 
 @lean_njit(forceinline=True)
@@ -110,7 +118,22 @@ def keeps_distance(w, on_level, off_level, upper, lower, samples, scale):  # typ
 
 @lean_njit()
 def run_pixels(  # type: ignore[no-untyped-def]
-    begin, stop, light, rate, rms, settle, key, lowest, reset, sensor, factors, tables, moving, stairs, state, events
+    begin,
+    stop,
+    light,
+    rate,
+    noise,
+    settle,
+    key,
+    lowest,
+    reset,
+    sensor,
+    factors,
+    tables,
+    moving,
+    stairs,
+    state,
+    events,
 ):
     """Take pixels to sample `stop` - 1 or beyond, or until there is no more room for events.
 
@@ -122,9 +145,11 @@ def run_pixels(  # type: ignore[no-untyped-def]
         Sample.
     light
         (m + 1,), (m + 1,) and (m,): first sample of each segment between two edges, with one beyond all others; last
-        sample at which its light still moves; its settled light; its leak, rms per sample, beside that of the pixel.
-    rate, rms
-        Inverse of the time constant, per sample; rms of the noise.
+        sample at which its light still moves; its settled light; its leak, in rms of the floor per sample, beside
+        that of the pixel.
+    rate, noise
+        Inverse of the time constant, per sample; rms of the floor, and variance of the shot noise behind the
+        low-pass, times the photocurrent (fA). Beside shot noise no light moves.
     settle
         Samples after which a pixel is quiet.
     key
@@ -132,7 +157,7 @@ def run_pixels(  # type: ignore[no-untyped-def]
     lowest
         The logarithm is taken of no less than this, fA.
     reset
-        Rms of the noise of a reset, over that of the noise.
+        Rms of the noise of a reset, over that of the floor.
     sensor
         Number of all pixels; of each pixel: (n, FIXED) what is fixed; (n,) samples of dead time; (n,) uint32 number;
         (n,) place in the order in which events of one time are given; (n,) longest block, samples.
@@ -172,7 +197,9 @@ def run_pixels(  # type: ignore[no-untyped-def]
         w, level, moved = real[i, OUTPUT], real[i, LEVEL], real[i, MOVED]
         on_level, off_level = real[i, ON_LEVEL], real[i, OFF_LEVEL]
         place = fixed[i, NODE]
-        slope = fixed[i, LEAK] + leaks[segment]
+        rms = rms_at(max(fixed[i, GAIN] * lux[segment] + fixed[i, DARK], lowest), noise)
+        of_floor = noise[0] / rms  # of the floor, in units of now
+        slope = (fixed[i, LEAK] + leaks[segment]) * of_floor
         z = store[i]
         dead_fade = math.exp(-rate * dead[i])
         dead_spread = math.sqrt(1.0 - dead_fade * dead_fade)
@@ -188,13 +215,18 @@ def run_pixels(  # type: ignore[no-untyped-def]
             if at >= end:
                 while at >= first[segment + 1] - 1:
                     segment += 1
-                step = level
-                level = math.log(max(fixed[i, GAIN] * lux[segment] + fixed[i, DARK], lowest)) / rms
+                current = max(fixed[i, GAIN] * lux[segment] + fixed[i, DARK], lowest)
+                before_rms = rms
+                rms = rms_at(current, noise)
+                change = before_rms / rms
+                of_floor = noise[0] / rms
+                step = level * change
+                level = math.log(current) / rms
                 step -= level
-                w += step
-                on_level += step
-                off_level += step
-                slope = fixed[i, LEAK] + leaks[segment]
+                w = w * change + step
+                on_level = on_level * change + step
+                off_level = off_level * change + step
+                slope = (fixed[i, LEAK] + leaks[segment]) * of_floor
                 end = first[segment + 1] - 1
                 quiet = max(at, min(until[segment], end)) + settle
             event = 0
@@ -283,10 +315,10 @@ def run_pixels(  # type: ignore[no-untyped-def]
                 wake = NEVER
                 memorised = w + moved
                 if reset > 0.0:
-                    memorised += reset * np.float64(z[used])
+                    memorised += reset * of_floor * np.float64(z[used])
                     used += 1
-                on_level = memorised + fixed[i, ON]
-                off_level = memorised - fixed[i, OFF]
+                on_level = memorised + fixed[i, ON] * of_floor
+                off_level = memorised - fixed[i, OFF] * of_floor
                 quiet = max(at, min(until[segment], end)) + settle
                 calm = at + settle
         whole[i, AT], whole[i, WAKE], whole[i, SEGMENT] = at, wake, segment

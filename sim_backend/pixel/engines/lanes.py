@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sim_backend.pixel.chain import LOWEST_CURRENT_FA, pixel_ids
+from sim_backend.pixel.chain import ELEMENTARY_CHARGE_FA_S, LOWEST_CURRENT_FA, pixel_ids
 from sim_backend.pixel.engines import general_kernels, reference_kernels
 from sim_backend.pixel.engines.stationary import draw, stationary_covariance
 
@@ -30,7 +30,6 @@ __all__ = [
     "to_lanes",
 ]
 
-_ELEMENTARY_CHARGE_FA_S: Final = 1.602176634e-4
 #: Room for as many events as there can be in this many blocks; then the kernel hands over.
 _ROOM_BLOCKS: Final = 2
 
@@ -158,7 +157,7 @@ def coefficients(grid: Grid, chain: Chain) -> general_kernels.Coefficients:
         slow_rho=slow_rho,
         slow_sigma=chain.slow_rms * math.sqrt(1.0 - slow_rho**2),
         high_rho=math.exp(-2.0 * math.pi * chain.high_pass_hz * grid.dt_s),
-        shot_fa=chain.shot_factor * _ELEMENTARY_CHARGE_FA_S / grid.dt_s,
+        shot_fa=chain.shot_factor * ELEMENTARY_CHARGE_FA_S / grid.dt_s,
         receptor_per_fa=float(grid.ratio(chain.receptor_hz_per_fa)),
         receptor_most=float(grid.ratio(chain.receptor_max_hz)),
         euler=grid.euler,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sim_backend.pixel.chain import LOWEST_CURRENT_FA, pixel_ids
+from sim_backend.pixel.chain import ELEMENTARY_CHARGE_FA_S, LOWEST_CURRENT_FA, pixel_ids
 from sim_backend.pixel.engines.hazard import B_FIRST, B_STEP, hazard_table
 from sim_backend.pixel.engines.moving_light import MovingLight
 from sim_backend.pixel.engines.segments import LAST, segments_of
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["OnePole", "block_factors"]
+__all__ = ["OnePole", "block_factors", "largest_rms"]
 
 #: Time constants after an edge or a reset until the table of rates holds: exp(-6) of what was is left.
 _SETTLE_TAUS: Final = 6.0
@@ -45,6 +45,8 @@ _PIXEL_SAMPLES: Final = 1 << 27
 
 class OnePole:
     """The pixels of one recording; see :class:`sim_backend.pixel.engines.stretches.Walk`.
+
+    Shot noise is white to one low-pass: between two edges it makes the floor higher, if the light does not move.
 
     Of a high-pass, what it remembers of the light is taken off; it remembers no noise. `in_stairs` is light that goes
     in many small steps, as of :func:`sim_backend.pixel.engines.stepped_light.with_stairs`.
@@ -67,6 +69,7 @@ class OnePole:
         self.dt_s = dt_s
         self._key = tuple(np.uint32(word) for word in split_seed(seed))
         self._rate = 2.0 * math.pi * chain.corner_hz * dt_s
+        self._noise = (chain.noise_rms, shot_variance_fa(chain, dt_s))
         on_chip = ChipLight(chain, light, dt_s, seed)
         start_lux = float(on_chip.lux(0, 1)[0])
         self._segments = segments_of(on_chip, chain.noise_rms, dt_s, restless=chain.high_pass_hz > 0.0)
@@ -79,7 +82,7 @@ class OnePole:
         high_share = -math.expm1(-2.0 * math.pi * chain.high_pass_hz * dt_s)
         self._moving = MovingLight(chain, on_chip, self._segments, math.exp(-self._rate), high_share)
         self._stairs = no_stairs()
-        if in_stairs and not self._segments.moving and np.ptp(leaks) == 0.0:
+        if in_stairs and not self._segments.moving and np.ptp(leaks) == chain.shot_factor == 0.0:
             self._stairs = stairs_of(
                 self._segments, start_lux, self._moving.dark_lux, self._moving.lowest_lux, self._rate, chain.noise_rms
             )
@@ -100,7 +103,7 @@ class OnePole:
 
         def run(i: int, room: npt.NDArray[np.int64]) -> tuple[int, int]:
             found: tuple[int, int] = self._kernels.run_pixels(
-                i, stop, self._light, self._rate, self.chain.noise_rms, self._settle, self._key, LOWEST_CURRENT_FA,
+                i, stop, self._light, self._rate, self._noise, self._settle, self._key, LOWEST_CURRENT_FA,
                 self.chain.reset_rms / self.chain.noise_rms, sensor, self._factors, self._tables, self._moving.table,
                 self._stairs, state, room,
             )  # fmt: skip
@@ -124,7 +127,7 @@ class OnePole:
         fixed[:, k.LEAK] = chain.leak_per_s * (self.dt_s / chain.noise_rms)
         fixed[:, k.NODE] = self._moving.place
         dead = np.rint((chain.refractory_s + chain.comparator_delay_s) / self.dt_s).astype(np.int64)
-        apart = (chain.theta_on + chain.theta_off) / chain.noise_rms
+        apart = (chain.theta_on + chain.theta_off) / largest_rms(chain, self._segments.lux, self.dt_s)
         longest = np.clip(apart**2 / (_BLOCKS_APART * self._rate), 1, len(self._factors) - 1).astype(np.int64)
         return fixed, dead, self._pixel, self._place, longest
 
@@ -150,18 +153,43 @@ class OnePole:
         whole[:, k.CALM] = self._settle
         whole[:, k.QUIET] = min(self._settle + max(int(self._segments.until[segment]), 0), LAST)
         whole[:, k.USED] = k.DRAWS
-        level, now = (
-            np.log(np.maximum(fixed[:, k.GAIN] * at_lux + fixed[:, k.DARK], LOWEST_CURRENT_FA)) / self.chain.noise_rms
+        current, now_fa = (
+            np.maximum(fixed[:, k.GAIN] * at_lux + fixed[:, k.DARK], LOWEST_CURRENT_FA)
             for at_lux in (self._segments.lux[segment], lux)
         )
+        rms = rms_at(self.chain, current, self.dt_s)
+        of_floor = self.chain.noise_rms / rms
+        level, now = np.log(current) / rms, np.log(now_fa) / rms
         z = k.start_normals(self._pixel, *self._key)
         z_reset = general_kernels.start_normals(self._pixel, *self._key)[0]
         real[:, k.LEVEL] = level
         real[:, k.OUTPUT] = now - level + z
-        memorised = real[:, k.OUTPUT] + self.chain.reset_rms / self.chain.noise_rms * z_reset
-        real[:, k.ON_LEVEL] = memorised + fixed[:, k.ON]
-        real[:, k.OFF_LEVEL] = memorised - fixed[:, k.OFF]
+        memorised = real[:, k.OUTPUT] + self.chain.reset_rms / self.chain.noise_rms * of_floor * z_reset
+        real[:, k.ON_LEVEL] = memorised + fixed[:, k.ON] * of_floor
+        real[:, k.OFF_LEVEL] = memorised - fixed[:, k.OFF] * of_floor
         self._state = (whole, real, store)
+
+
+def shot_variance_fa(chain: Chain, dt_s: float) -> float:
+    """Return the variance that shot noise has behind the source follower, times the photocurrent, fA.
+
+    White noise of variance s in each sample leaves ``s (1 - rho) / (1 + rho)`` of itself behind
+    ``v <- rho v + (1 - rho) u``; s is ``shot_factor q / (I dt)``.
+    """
+    rho = math.exp(-2.0 * math.pi * chain.corner_hz * dt_s)
+    return chain.shot_factor * ELEMENTARY_CHARGE_FA_S / dt_s * (1.0 - rho) / (1.0 + rho)
+
+
+def rms_at(chain: Chain, current_fa: Floats, dt_s: float) -> Floats:
+    """(n,) rms of floor and shot noise together at a photocurrent."""
+    shot = shot_variance_fa(chain, dt_s)
+    return np.asarray(np.sqrt(chain.noise_rms**2 + shot / current_fa) if shot > 0.0 else chain.noise_rms)
+
+
+def largest_rms(chain: Chain, lux: Floats, dt_s: float) -> Floats:
+    """(n,) rms of each pixel at the dimmest of some lights."""
+    current = np.maximum(chain.gain_fa_per_lux * float(np.min(lux)) + chain.dark_fa, LOWEST_CURRENT_FA)
+    return rms_at(chain, current, dt_s)
 
 
 @lru_cache(maxsize=8)

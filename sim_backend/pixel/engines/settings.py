@@ -249,6 +249,11 @@ _WITH_EFFECTS: Final = (
         square(0.35, 1.0),
     ),
     Setting(
+        "gross shot noise, low light", "noise that each edge changes, beside all that counts in its units",
+        _noisy(100.0, 3e-3, 8.0, theta_off=0.25) + ShotNoise(factor=0.3) + _DARK + Leak(rate_per_s=0.2, spread=0.3)
+        + ParasiticPhotocurrent(rate_per_s_per_lux=0.2) + ResetNoise(rms=0.03), square(0.4, 0.3),
+    ),
+    Setting(
         "photoreceptor, no shot noise", "two poles of one speed", _noisy(200.0, 1e-2) + _RECEPTOR + _DARK,
         square(0.31, 1.4),
     ),
