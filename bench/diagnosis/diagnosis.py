@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from bench.compute import Workforce
 from bench.diagnosis.expected.catalogue import candidates
 from bench.diagnosis.expected.gate import findings_of
-from bench.diagnosis.fitting.approach import approach
 from bench.diagnosis.fitting.details import with_a_detail
-from bench.diagnosis.fitting.fit import finish
 from bench.diagnosis.fitting.judging import deviance_beside, deviance_per_dof, is_far_off, share
 from bench.diagnosis.fitting.settling import settled
 from bench.diagnosis.fitting.sharpening import asks_for_more
@@ -21,12 +19,13 @@ from bench.diagnosis.result import Outcome
 from bench.diagnosis.searching.candidate_table import step_with_candidates
 from bench.diagnosis.searching.detours import other_ways, proposing
 from bench.diagnosis.searching.next_measurement import next_measurement
-from bench.diagnosis.searching.refit import needless, refitted
+from bench.diagnosis.searching.refit import refitted
 from bench.diagnosis.searching.remainder import remainder_of
 from bench.diagnosis.searching.screen import score
 from bench.diagnosis.searching.shortlist import ALPHA, Shortlist
 from bench.diagnosis.searching.sizing import probe
 from bench.diagnosis.searching.state import State, can_judge, is_explained, leaves_little
+from bench.diagnosis.searching.taking_out import to_take_out
 from bench.diagnosis.searching.ties import told_apart
 from bench.diagnosis.searching.trends import clear_trends
 from bench.diagnosis.searching.verdict import ties_of, verdict_of
@@ -332,21 +331,13 @@ class Diagnosis:
         while len(self._states) > 2:
             last = self._states[-1]
             names = [s.added for s in self._states[1:-1] if s.added is not None]
-            weak = [name for name in names if needless(self.problem, last.fit, name, before=True)]
-            if not weak:
+            explained = is_explained(self.problem, last)
+            found = to_take_out(self.problem, last.fit, names, explained, self._seed + 41, self._say)
+            if found is None:
                 return
-            self._say(f"taking out {weak[0]}")
-            kept = [s for s in self._states if s.added != weak[0]]
-            slots = [i for i, s in enumerate(last.fit.slots) if s.free.owner != weak[0]]
-            again = finish(
-                self.problem,
-                approach(
-                    self.problem, last.fit.model.without(weak[0]), [last.fit.slots[i] for i in slots],
-                    [float(last.fit.x[i]) for i in slots], seed=self._seed + 41, iterations=3,
-                    prior=last.fit.start[slots],
-                ),
-            )  # fmt: skip
-            self._states = kept[:-1]
+            name, again = found
+            self._say(f"taking out {name}")
+            self._states = [s for s in self._states[:-1] if s.added != name]
             before = self._states[-1]
             left = deviance_beside(self.problem, again, before.fit)
             fall = share(self.problem, before.fit, left)

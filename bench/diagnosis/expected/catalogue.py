@@ -117,7 +117,7 @@ _SHAPES: Final = frozenset(
 _COST: Final[dict[str, float]] = {
     "light_rise_time": 2.0,
     "light_flicker": 5.0,
-    "shot_noise": 8.0,
+    "shot_noise": 3.0,
     "photoreceptor_bandwidth": 3.0,
     "low_frequency_noise": 2.5,
     "high_pass": 2.0,

@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.searching.screen import Scores
 
-__all__ = ["Found", "Refitted", "needless", "refitted"]
+__all__ = ["STILL_NEEDED", "Found", "Refitted", "needless", "refitted", "strength"]
 
 #: An effect whose numbers are all fewer standard errors from null is needless; one that was added before it was known
 #: what else is missing is so up to the size that a search among all effects takes for more than chance.
 _NEEDED: Final = 2.0
-_STILL_NEEDED: Final = 3.3
+STILL_NEEDED: Final = 3.3
 #: A fit is made sharper where the loss has fallen by less than this share of what was promised, or the deviance has
 #: risen, if the promise is more than that of chance, and the loss is no larger than so many times what it was.
 _SHORT: Final = 0.5
@@ -191,19 +191,17 @@ def _raced(problem: Problem, entrants: Sequence[Approach], most: int | None, lea
     return [raced[k] for k in range(len(entrants))]
 
 
-def needless(problem: Problem, one: Fit, effect_id: str, *, before: bool = False) -> bool:
-    """Return whether all numbers of an effect are within chance of null.
+def needless(problem: Problem, one: Fit, effect_id: str) -> bool:
+    """Return whether all numbers of an effect are within chance of null."""
+    return strength(problem, one, effect_id) < _NEEDED
 
-    Parameters
-    ----------
-    before
-        It was added before others were.
-    """
-    least = _STILL_NEEDED if before else _NEEDED
+
+def strength(problem: Problem, one: Fit, effect_id: str) -> float:
+    """Return by how many standard errors the clearest of the numbers that switch an effect on is off null."""
     effect = next(e for e in one.model.effects if e.id == effect_id)
     # Which few pixels have it is the effect itself: where there is none, nothing of that is frozen in the pixels.
     beside = replace(one, frozen=None) if is_of_few(effect_id) else one
     sd = np.sqrt(np.diag(beside.covariance(problem.measured.points)))
     names = {f.name for f in switches(type(effect))}
     mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id and s.free.name in names]
-    return all(abs(one.x[i]) < least * sd[i] for i in mine)
+    return float(max(abs(one.x[i]) / sd[i] for i in mine))

@@ -12,9 +12,10 @@ import pytest
 from bench.diagnosis.diagnosis import Diagnosis
 from bench.diagnosis.expected.parameters import Free
 from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.searching import taking_out
 from bench.diagnosis.searching.refit import needless
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import DarkCurrent, HotPixels
+from sim_backend.pixel.effects import DarkCurrent, HotPixels, Leak
 
 
 class Wavering(Diagnosis):
@@ -49,15 +50,51 @@ def test_it_ends_when_nothing_is_proposed() -> None:
     assert made.added == ["leak", "dark_current"]
 
 
-@pytest.mark.parametrize(("sigmas", "now", "before"), [(1.5, True, True), (2.8, False, True), (4.0, False, False)])
-def test_what_others_made_insignificant_is_needless(sigmas: float, now: bool, before: bool) -> None:
-    slot = Slot(Free("dark_current", "mean_fa", "mean_fa", "fA", "linear", 0.0, 1e3, 3.0))
-    fit: Any = SimpleNamespace(
-        model=PixelModel() + DarkCurrent(1.0), slots=(slot,), x=np.array([sigmas]), covariance=lambda _: np.eye(1)
-    )
-    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=()))
-    assert needless(problem, fit, "dark_current") is now
-    assert needless(problem, fit, "dark_current", before=True) is before
+def fit_at(sigmas: dict[str, float]) -> Any:
+    """Return a fit of effects so many standard errors from null."""
+    slots = tuple(Slot(Free(name, field, field, "1", "linear", 0.0, 1e3, 3.0)) for name, field in FIELDS.items())
+    model = PixelModel() + DarkCurrent(1.0) + Leak(1.0)
+    x = np.array([sigmas[name] for name in FIELDS])
+    return SimpleNamespace(model=model, slots=slots, x=x, covariance=lambda _: np.eye(len(slots)))
+
+
+FIELDS = {"dark_current": "mean_fa", "leak": "rate_per_s"}
+PROBLEM: Any = SimpleNamespace(measured=SimpleNamespace(points=()))
+
+
+@pytest.mark.parametrize(("sigmas", "verdict"), [(1.5, True), (2.8, False), (-2.8, False)])
+def test_what_chance_makes_is_needless(sigmas: float, verdict: bool) -> None:
+    assert needless(PROBLEM, fit_at({"dark_current": sigmas, "leak": 9.0}), "dark_current") is verdict
+
+
+@pytest.mark.parametrize(
+    ("dark", "leak", "explained", "rises", "expected", "tried"),
+    [
+        (2.8, 9.0, False, 50.0, "dark_current", ["dark_current"]),  # others made it insignificant
+        (4.5, 9.0, False, 0.0, None, []),  # while something is missing nothing is in doubt
+        (4.5, 9.0, True, 5.0, "dark_current", ["dark_current"]),
+        (4.5, 9.0, True, 20.0, None, ["dark_current"]),  # what is there is missed
+        (5.5, 4.5, True, 20.0, None, ["leak", "dark_current"]),  # the weakest first
+        (6.5, 9.0, True, 0.0, None, []),
+    ],
+)
+def test_what_does_not_stand_far_out_is_tried_without(
+    dark: float, leak: float, explained: bool, rises: float, expected: str | None, tried: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    asked: list[str] = []
+
+    def refit(_: Any, __: Any, name: str, ___: int) -> str:
+        asked.append(name)
+        return f"without {name}"
+
+    monkeypatch.setattr(taking_out, "without", refit)
+    monkeypatch.setattr(taking_out, "deviance", lambda _, __: 600.0)
+    monkeypatch.setattr(taking_out, "deviance_beside", lambda _, __, ___: 600.0 + rises)
+    fit = fit_at({"dark_current": dark, "leak": leak})
+    found: Any = taking_out.to_take_out(PROBLEM, fit, FIELDS, explained, 1)
+    assert found == (None if expected is None else (expected, f"without {expected}"))
+    assert asked == tried
 
 
 @dataclass(frozen=True)

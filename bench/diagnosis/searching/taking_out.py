@@ -1,0 +1,70 @@
+"""Effects that were added before it was known what else is missing, and that nothing asks for any more.
+
+While an effect is missing another may stand in for it, and stay when it has come: with noise of the resets in the
+model, thresholds and corner have gone where they need it. By its standard error it is there. So one that does not
+stand far out is tried without: the others may find a place that is as good.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from bench.diagnosis.fitting.approach import approach
+from bench.diagnosis.fitting.fit import finish
+from bench.diagnosis.fitting.judging import deviance, deviance_beside
+from bench.diagnosis.searching.refit import STILL_NEEDED, strength
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.fitting.fitted import Fit
+
+__all__ = ["to_take_out", "without"]
+
+#: An effect whose numbers are all fewer standard errors from null is tried without.
+_DOUBTED: Final = 6.0
+_STEPS: Final = 3
+
+
+def to_take_out(
+    problem: Problem, one: Fit, names: Iterable[str], explained: bool, seed: int,
+    say: Callable[[str], None] = lambda _: None,
+) -> tuple[str, Fit] | None:  # fmt: skip
+    """Return an effect that is needless, and the model without it, fitted; None: all are needed.
+
+    Parameters
+    ----------
+    one
+        The fitted model.
+    names
+        Effects that were added before the last one.
+    explained
+        Whether the model explains the run: only then it tells which of them are in doubt.
+    say
+        Called with what is being done.
+    """
+    strengths = {name: strength(problem, one, name) for name in names}
+    for name in sorted(strengths, key=lambda name: strengths[name]):
+        if strengths[name] >= (_DOUBTED if explained else STILL_NEEDED):
+            break
+        say(f"fitting without {name}")
+        again = without(problem, one, name, seed)
+        if strengths[name] < STILL_NEEDED or _is_as_good(problem, again, one):
+            return name, again
+    return None
+
+
+def without(problem: Problem, one: Fit, name: str, seed: int) -> Fit:
+    """Return a fitted model without one of its effects, fitted on."""
+    kept = [i for i, slot in enumerate(one.slots) if slot.free.owner != name]
+    near = approach(
+        problem, one.model.without(name), [one.slots[i] for i in kept], [float(one.x[i]) for i in kept], seed=seed,
+        iterations=_STEPS, prior=one.start[kept],
+    )  # fmt: skip
+    return finish(problem, near)
+
+
+def _is_as_good(problem: Problem, again: Fit, one: Fit) -> bool:
+    """Return whether a model leaves no more than the square of what an effect must stand out by."""
+    return deviance_beside(problem, again, one) - deviance(problem, one) < STILL_NEEDED**2
