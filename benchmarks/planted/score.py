@@ -47,12 +47,15 @@ class Score:
     @property
     def at_floor(self) -> bool:
         """Whether the last error is within 10 % of the floor."""
-        return bool(self.errors) and self.errors[-1] <= _WITHIN * self.floor
+        return self._ends_within(self.floor)
 
     @property
     def is_doubted(self) -> bool:
         """Whether it is said to be explained, and leaves more than chance usually leaves of a true model."""
-        return self.verdict == "explained" and not (bool(self.errors) and self.errors[-1] <= _WITHIN)
+        return self.verdict == "explained" and not self._ends_within(1.0)
+
+    def _ends_within(self, floor: float) -> bool:
+        return bool(self.errors) and self.errors[-1] <= _WITHIN * floor
 
     @property
     def falls(self) -> bool:

@@ -54,10 +54,14 @@ def _are_alike(chain: Chain) -> bool:
     return float(np.ptp(chain.dark_fa)) == float(np.ptp(chain.gain_fa_per_lux)) == 0.0
 
 
+def _has_a_second_memory(chain: Chain) -> bool:
+    """Return whether anything but the source follower remembers."""
+    return math.isfinite(min(chain.receptor_hz_per_fa, chain.receptor_max_hz)) or chain.slow_rms > 0.0
+
+
 def _has_more_than_one_pole(chain: Chain) -> bool:
     """Return whether noise follows the light, or anything but the source follower remembers."""
-    receptor = math.isfinite(min(chain.receptor_hz_per_fa, chain.receptor_max_hz))
-    return chain.shot_factor > 0.0 or receptor or chain.slow_rms > 0.0
+    return chain.shot_factor > 0.0 or _has_a_second_memory(chain)
 
 
 def _is_shot_noise_alone(chain: Chain, light: LightHistory) -> bool:
@@ -65,9 +69,8 @@ def _is_shot_noise_alone(chain: Chain, light: LightHistory) -> bool:
 
     Between two edges its noise is then that of another floor.
     """
-    receptor = math.isfinite(min(chain.receptor_hz_per_fa, chain.receptor_max_hz))
     rests = max(chain.rise_tau_s, light.rise_tau_s) == chain.drift_per_s == chain.flicker_depth == 0.0
-    return rests and chain.noise_rms > 0.0 == chain.slow_rms and not receptor
+    return rests and chain.noise_rms > 0.0 and not _has_a_second_memory(chain)
 
 
 def _leak_follows_moving_light(chain: Chain, light: LightHistory) -> bool:

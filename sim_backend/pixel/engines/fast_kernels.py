@@ -1,9 +1,9 @@
 """Compiled parts of the fast engine: pixels with one low-pass, from event to event.
 
 Everything is in units of the rms of the noise, which shot noise makes larger the less light there is: at an edge the
-unit changes. Between two edges of the light the output of the low-pass less its
-settled level is ``w``, an Ornstein-Uhlenbeck process of unit variance; an edge only moves w and the memorised w. A
-pixel goes in steps, each from a sample to a later one, all of whose samples in between have been dealt with:
+unit changes. Between two edges of the light the output of the low-pass less its settled level is ``w``, an
+Ornstein-Uhlenbeck process of unit variance; an edge only moves and rescales w and the memorised w. A pixel goes in
+steps, each from a sample to a later one, all of whose samples in between have been dealt with:
 
 - a blind pixel goes to the end of its dead time, or to the next edge, in one step;
 - an armed pixel takes a block of samples: its end is drawn, then whether the path of continuous time between both

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["OnePole", "block_factors", "largest_rms"]
+__all__ = ["OnePole", "block_factors"]
 
 #: Time constants after an edge or a reset until the table of rates holds: exp(-6) of what was is left.
 _SETTLE_TAUS: Final = 6.0
@@ -69,7 +69,7 @@ class OnePole:
         self.dt_s = dt_s
         self._key = tuple(np.uint32(word) for word in split_seed(seed))
         self._rate = 2.0 * math.pi * chain.corner_hz * dt_s
-        self._noise = (chain.noise_rms, shot_variance_fa(chain, dt_s))
+        self._noise = (chain.noise_rms, _shot_variance_fa(chain, dt_s))
         on_chip = ChipLight(chain, light, dt_s, seed)
         start_lux = float(on_chip.lux(0, 1)[0])
         self._segments = segments_of(on_chip, chain.noise_rms, dt_s, restless=chain.high_pass_hz > 0.0)
@@ -127,7 +127,7 @@ class OnePole:
         fixed[:, k.LEAK] = chain.leak_per_s * (self.dt_s / chain.noise_rms)
         fixed[:, k.NODE] = self._moving.place
         dead = np.rint((chain.refractory_s + chain.comparator_delay_s) / self.dt_s).astype(np.int64)
-        apart = (chain.theta_on + chain.theta_off) / largest_rms(chain, self._segments.lux, self.dt_s)
+        apart = (chain.theta_on + chain.theta_off) / _largest_rms(chain, self._segments.lux, self.dt_s)
         longest = np.clip(apart**2 / (_BLOCKS_APART * self._rate), 1, len(self._factors) - 1).astype(np.int64)
         return fixed, dead, self._pixel, self._place, longest
 
@@ -157,7 +157,7 @@ class OnePole:
             np.maximum(fixed[:, k.GAIN] * at_lux + fixed[:, k.DARK], LOWEST_CURRENT_FA)
             for at_lux in (self._segments.lux[segment], lux)
         )
-        rms = rms_at(self.chain, current, self.dt_s)
+        rms = _rms_at(self.chain, current, self.dt_s)
         of_floor = self.chain.noise_rms / rms
         level, now = np.log(current) / rms, np.log(now_fa) / rms
         z = k.start_normals(self._pixel, *self._key)
@@ -170,7 +170,7 @@ class OnePole:
         self._state = (whole, real, store)
 
 
-def shot_variance_fa(chain: Chain, dt_s: float) -> float:
+def _shot_variance_fa(chain: Chain, dt_s: float) -> float:
     """Return the variance that shot noise has behind the source follower, times the photocurrent, fA.
 
     White noise of variance s in each sample leaves ``s (1 - rho) / (1 + rho)`` of itself behind
@@ -180,16 +180,16 @@ def shot_variance_fa(chain: Chain, dt_s: float) -> float:
     return chain.shot_factor * ELEMENTARY_CHARGE_FA_S / dt_s * (1.0 - rho) / (1.0 + rho)
 
 
-def rms_at(chain: Chain, current_fa: Floats, dt_s: float) -> Floats:
+def _rms_at(chain: Chain, current_fa: Floats, dt_s: float) -> Floats:
     """(n,) rms of floor and shot noise together at a photocurrent."""
-    shot = shot_variance_fa(chain, dt_s)
+    shot = _shot_variance_fa(chain, dt_s)
     return np.asarray(np.sqrt(chain.noise_rms**2 + shot / current_fa) if shot > 0.0 else chain.noise_rms)
 
 
-def largest_rms(chain: Chain, lux: Floats, dt_s: float) -> Floats:
+def _largest_rms(chain: Chain, lux: Floats, dt_s: float) -> Floats:
     """(n,) rms of each pixel at the dimmest of some lights."""
     current = np.maximum(chain.gain_fa_per_lux * float(np.min(lux)) + chain.dark_fa, LOWEST_CURRENT_FA)
-    return rms_at(chain, current, dt_s)
+    return _rms_at(chain, current, dt_s)
 
 
 @lru_cache(maxsize=8)
