@@ -168,8 +168,7 @@ class Diagnosis:
             There is no such effect, or the model has it.
         """
         state = self._all()[-1]
-        found = self._refitted(state, [effect_id])[0]
-        self._states.append(self._look(found.fit, effect_id, share(self.problem, state.fit, found.deviance)))
+        self._states.append(self._with(self._refitted(state, [effect_id])[0], state))
         return self._last_step()
 
     def undo(self) -> Step:
@@ -246,8 +245,7 @@ class Diagnosis:
         for depth, other in other_ways(self.problem, known)[:_DETOURS]:
             self._say(f"step {depth + 1}: another way, with {other.effect}")
             self._states = [*known[:depth], proposing(self.problem, known[depth], other.effect)]
-            fall = share(self.problem, known[depth].fit, other.deviance)
-            self._states = [*self._states, self._look(other.fit, other.effect, fall)]
+            self._states = [*self._states, self._with(other, known[depth])]
             self._drop()
             self._go_on(most)
             if is_explained(self.problem, self._states[-1]):
@@ -262,10 +260,17 @@ class Diagnosis:
             self._states.append(self._look(first, None, 0.0))
         return self._states
 
-    def _look(self, fitted: Fit, added: str | None, fall: float) -> State:
+    def _with(self, found: Found, before: State) -> State:
+        """Return the state in which an effect was added to the one before."""
+        fall = share(self.problem, before.fit, found.deviance)
+        self._session.problem = found.beside(self.problem)
+        return self._look(found.fit, found.effect, fall, in_phase=found.phases is not None)
+
+    def _look(self, fitted: Fit, added: str | None, fall: float, in_phase: bool = False) -> State:
         number = len(self._states)
         fitted = self._session.in_time(fitted, self._seed + 100 * number + 66)
-        fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
+        if not in_phase:
+            fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
         if asks_for_more(self.problem, fitted):
             self._say(f"step {number}: fitting with more pixels")
         fitted = self._session.sharpened(fitted, self._seed + 100 * number + 31)

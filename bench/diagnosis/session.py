@@ -15,7 +15,7 @@ from bench.diagnosis.expected.phases import phases_of
 from bench.diagnosis.expected.problem import Problem
 from bench.diagnosis.fitting.approach import approach
 from bench.diagnosis.fitting.fit import finish, fit
-from bench.diagnosis.fitting.in_phase import in_phase, tuned
+from bench.diagnosis.fitting.in_phase import has_open_ripple, in_phase, tuned
 from bench.diagnosis.fitting.judging import deviance_per_dof
 from bench.diagnosis.fitting.sharpening import asks_for_more, from_here, sharpened
 from bench.diagnosis.recorded.excerpt import ENOUGH_EVENTS, beginnings, middles, shortened_text
@@ -43,8 +43,6 @@ __all__ = ["Session", "open_session"]
 _USUAL_GRID_US: Final = 10
 #: Then a latency is compared no finer than this share of it.
 _BLUR: Final = 0.5
-#: Frequencies of a ripple are the same when they agree to this.
-_SAME_HZ: Final = 1e-3
 #: Events are simulated later or earlier where a fit says so by as much, us, and is not so far off that its offset
 #: stands in for something else; so often.
 _LATE_US: Final = 3
@@ -88,7 +86,7 @@ class Session:
         starts = self.problem.starts(self.model, by_eye=self.by_eye)
         found = fit(self.problem, self.model, slots, starts, seed=seed)
         found = self.in_time(found, seed + 6)
-        given, has_it = self.problem.given.get(LightFlicker.id), self._has_the_ripple(self.model)
+        given, has_it = self.problem.given.get(LightFlicker.id), has_open_ripple(self.problem, self.model)
         if given is None or (self.model.effect(LightFlicker.id) is not None and not has_it):
             return found
         models = self.problem.models(found.model.without(LightFlicker.id), found.slots, found.x)
@@ -116,7 +114,7 @@ class Session:
 
     def in_phase(self, found: Fit, seed: int) -> Fit:
         """Return a fit, or a better one in which the ripple has the phases that the fitted model asks for."""
-        if not self._has_the_ripple(found.model):
+        if not has_open_ripple(self.problem, found.model):
             return found
         self.problem, turned = in_phase(self.problem, found, seed)
         # At other phases the fit may have been too far off for its time offset to be believed.
@@ -129,20 +127,13 @@ class Session:
             if idle == _IDLE or not asks_for_more(self.problem, found):
                 break
             problem, again = self.problem, sharpened(self.problem, found, seed + 10 * number)
-            if self._has_the_ripple(again.model):
+            if has_open_ripple(problem, again.model):
                 problem, again = tuned(problem, again, seed + 10 * number + 5)
             before, after = deviance_per_dof(self.problem, found), deviance_per_dof(problem, again)
             idle = 0 if after < (1.0 - _BETTER) * before else idle + 1
             if after < before:
                 self.problem, found = problem, again
         return found
-
-    def _has_the_ripple(self, model: PixelModel) -> bool:
-        """Return whether a model has the ripple that can be seen in the run, at a phase that is open."""
-        given, own = self.problem.given.get(LightFlicker.id), model.effect(LightFlicker.id)
-        if given is None or not isinstance(own, LightFlicker) or own.phase is not None:
-            return False
-        return math.isclose(own.frequency_hz, given["frequency_hz"], rel_tol=_SAME_HZ)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ other, as long as it gets better.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
+    from sim_backend.pixel.model import PixelModel
 
-__all__ = ["in_phase", "tuned"]
+__all__ = ["has_open_ripple", "in_phase", "tuned"]
 
 #: Phases and numbers follow each other so often at the most, while the error falls by this share.
 _ROUNDS: Final = 4
@@ -32,6 +34,16 @@ _STEPS: Final = 3
 _MUCH_WORSE: Final = 1.25
 #: A ripple that begins with the recording: what pixels have settled to has nothing of it.
 _NOT_BEFORE_HZ: Final = 1e-3
+#: Frequencies of a ripple are the same when they agree to this.
+_SAME_HZ: Final = 1e-3
+
+
+def has_open_ripple(problem: Problem, model: PixelModel) -> bool:
+    """Return whether a model has the ripple that can be seen in the run, at a phase that is open."""
+    given, own = problem.given.get(LightFlicker.id), model.effect(LightFlicker.id)
+    if given is None or not isinstance(own, LightFlicker) or own.phase is not None:
+        return False
+    return math.isclose(own.frequency_hz, given["frequency_hz"], rel_tol=_SAME_HZ)
 
 
 def in_phase(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from bench.diagnosis.expected.catalogue import is_of_few, least_share, switches
 from bench.diagnosis.fitting.fit import finish
+from bench.diagnosis.fitting.in_phase import has_open_ripple, in_phase
 from bench.diagnosis.fitting.judging import (
     NEARLY_ALL,
     deviance_beside,
@@ -50,6 +51,9 @@ _FAR: Final = 2.0
 _GOES_ON: Final = 4
 _FALLING: Final = 0.8
 _ON: Final = 1000
+#: Of so many of the best the phases of a ripple follow, with seeds that are so far apart.
+_FOLLOWED: Final = 3
+_TURN: Final = 300
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,11 @@ class Found:
     effect: str
     fit: Fit
     deviance: float  #: with as many residuals as the fit before
+    phases: tuple[float | None, ...] | None = None  #: of a ripple, where they have followed; None: as they were
+
+    def beside(self, problem: Problem) -> Problem:
+        """Return the problem with the phases that the fit is of."""
+        return problem if self.phases is None else replace(problem, phases=self.phases)
 
 
 @dataclass(frozen=True)
@@ -95,6 +104,7 @@ def refitted(
     for k, way in ways.items():
         fits.add(k, way)
     if far_off:
+        fits.follow_phases()
         fits.through_valleys(ways)
         fits.go_on()
     hopeless = frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless)
@@ -119,6 +129,23 @@ class _Fits:
         again = Found(self._names[k], fitted, deviance_beside(problem, fitted, here))
         self.found[k] = min(self.found.get(k, again), again, key=lambda one: one.deviance)
 
+    def follow_phases(self) -> None:
+        """Let the phases of an open ripple follow the best of them, until one leads somewhere.
+
+        Those that went with a model which lacks the effect hold it back: it looks smaller than it is, or needless.
+        """
+        problem, here = self._problem, self._here
+        for k in sorted(self.found, key=lambda k: self.found[k].deviance)[:_FOLLOWED]:
+            one = self.found[k].fit
+            if not has_open_ripple(problem, one.model):
+                continue
+            if _leads_somewhere(problem, here, self.found.values()):
+                break
+            there, turned = in_phase(problem, one, self._seed + _TURN * (k + 1))
+            if turned is not one:
+                left = deviance_beside(there, turned, here)
+                self.found[k] = Found(self._names[k], turned, left, there.phases)
+
     def through_valleys(self, ways: Mapping[int, Approach]) -> None:
         """Try other sizes of each, the best way first, until one leads somewhere."""
         for k in sorted(ways, key=lambda k: ways[k].loss):
@@ -132,7 +159,8 @@ class _Fits:
         """Fit the best of them on."""
         if self.found:
             best = min(self.found, key=lambda k: self.found[k].deviance)
-            self.found[best] = _gone_on(self._problem, self._here, self.found[best], self._seed + _ON)
+            one = self.found[best]
+            self.found[best] = _gone_on(one.beside(self._problem), self._here, one, self._seed + _ON)
 
 
 def _leads_somewhere(problem: Problem, here: Fit, found: Iterable[Found]) -> bool:
@@ -155,7 +183,7 @@ def _gone_on(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
         left = deviance_beside(problem, again, here)
         still = left < _FALLING * found.deviance
         if left < found.deviance or (not known and left < found.deviance / _FALLING):
-            found = Found(found.effect, again, left)
+            found = replace(found, fit=again, deviance=left)
         if not still:
             break
     return found

@@ -159,8 +159,9 @@ class Shortlist:
         best = found[0]
         refused = ({f.effect for f in refitted} - {f.effect for f in found}) | state.hopeless
         rivals = [name for name in shortlist if name not in refused] if far_off else ()
+        problem = best.beside(self._problem)
         judged = [i for i in range(len(state.scores.probes)) if can_judge(self._problem, state.scores, i)]
-        tied = (best.effect, *tied_with(self._problem, best, found, state.scores, judged, rivals, self._seed + 31))
+        tied = (best.effect, *tied_with(problem, best, found, state.scores, judged, rivals, self._seed + 31))
         # Of effects that are the same to the data, the more usual one is proposed. While something else is missing,
         # what tells an effect from its twin may be that.
         good = {f.effect for f in found if f.deviance <= _AS_GOOD * best.deviance}
@@ -176,5 +177,6 @@ class Shortlist:
         best = found[0]
         for other in found[1:]:
             if other.deviance - best.deviance < _ABOUT * math.sqrt(2.0 * freedom(best.fit)):
-                best = other if nearer(self._problem, best, other, self._seed + 57) > 0.0 else best
+                problem = best.beside(self._problem)
+                best = other if nearer(problem, best, other, self._seed + 57) > 0.0 else best
         return [best, *(one for one in found if one is not best)]

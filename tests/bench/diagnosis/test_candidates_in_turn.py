@@ -23,7 +23,7 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: N * one.error)
     monkeypatch.setattr(refit, "deviance_per_dof", lambda _, one: one.error)
     monkeypatch.setattr(refit, "share", lambda _, before, left: (before.error - left / N) / (before.error - 1.0))
-    monkeypatch.setattr(refit, "finish", lambda _, way, beat: SimpleNamespace(error=way.loss, beat=beat))
+    monkeypatch.setattr(refit, "finish", lambda _, way, beat: SimpleNamespace(error=way.loss, beat=beat, model=None))
     monkeypatch.setattr(refit, "_kept", lambda _, __, reached, *___: reached)
 
     def of(names: Sequence[str]) -> Any:
@@ -82,3 +82,35 @@ def test_the_rest_is_left_once_one_valley_leads_to_the_run(
     monkeypatch.setattr(refit, "through_the_valley", lambda _, way: ending(0.9) if way is ways[1] else None)
     made.through_valleys(ways)
     assert {one.effect: one.fit.error for one in made.found.values()} == {"leak": 40.0, "reset_noise": 0.9}
+
+
+@pytest.mark.parametrize(
+    ("turned", "ends", "asked"),
+    [
+        ((50.0, 60.0, 8.0, 5.0), (50.0, 60.0, 8.0, 65.0), 3),  # of the best three, the last of them leads somewhere
+        ((50.0, 8.0, 5.0, 5.0), (50.0, 8.0, 63.0, 65.0), 2),
+        ((60.0, 61.0, 63.0, 5.0), (60.0, 61.0, 63.0, 65.0), 3),  # no phases are better
+    ],
+)
+def test_the_phases_of_a_ripple_follow_the_best_until_one_leads_somewhere(
+    fits: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, turned: Sequence[float], ends: Sequence[float],
+    asked: int,
+) -> None:  # fmt: skip
+    """Phases that went with a model which lacks the effect are no fault of the effect."""
+    made, followed = fits(["leak", "light_drift", "refractory_mismatch", "crosstalk"]), []
+    before = (60.0, 61.0, 63.0, 65.0)
+    for k, error in enumerate(before):
+        made.add(k, ending(error))
+
+    def in_phase(problem: Any, one: Any, _: int) -> Any:
+        followed.append(one.error)
+        error = turned[before.index(one.error)]
+        return SimpleNamespace(phases=(error,)), one if error == one.error else SimpleNamespace(error=error)
+
+    monkeypatch.setattr(refit, "in_phase", in_phase)
+    monkeypatch.setattr(refit, "has_open_ripple", lambda *_: True)
+    made.follow_phases()
+    assert tuple(one.fit.error for one in made.found.values()) == ends
+    assert followed == list(before[:asked])
+    phases = [None if end == known else (end,) for end, known in zip(ends, before, strict=True)]
+    assert [one.phases for one in made.found.values()] == phases

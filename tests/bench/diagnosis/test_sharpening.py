@@ -11,6 +11,7 @@ from bench.diagnosis import session
 from bench.diagnosis.fitting import sharpening
 from bench.diagnosis.fitting.sharpening import asks_for_more
 from bench.diagnosis.session import Session
+from sim_backend.pixel import PixelModel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,10 +21,7 @@ class MadeUp(Session):
     """Fits are their errors."""
 
     def __init__(self) -> None:
-        self.problem: Any = SimpleNamespace(cost=lambda _: 5.0, models=lambda *_: ())
-
-    def _has_the_ripple(self, _: Any) -> bool:
-        return False
+        self.problem: Any = SimpleNamespace(cost=lambda _: 5.0, models=lambda *_: (), given={})
 
 
 @pytest.fixture
@@ -38,7 +36,7 @@ def errors(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def fit_of(error: float) -> Any:
-    return SimpleNamespace(error=error, model=None, slots=(), x=())
+    return SimpleNamespace(error=error, model=PixelModel(), slots=(), x=())
 
 
 @pytest.mark.parametrize(
