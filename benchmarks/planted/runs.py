@@ -14,7 +14,9 @@ from bench.store.data import PointData, Sensor
 from bench.store.record import PointRecord, PulseRecord, StimulusRecord
 from drivers.events.types import EventChunk, empty_triggers
 from protocols.points import Roi
-from sim_backend.pixel import FastEngine, ReferenceEngine
+from sim_backend.pixel import FastEngine, ReferenceEngine, build_chain
+from sim_backend.pixel.effects.light_flicker import LightFlicker
+from sim_backend.pixel.light_path import flicker_phase
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["ROI", "SENSOR", "make_run", "planned_points"]
+__all__ = ["ROI", "SENSOR", "make_run", "phases_in_run", "planned_points"]
 
 SENSOR: Final = Sensor("IMX636", 1280, 720, 4.86e-6, 0.6)
 ROI: Final = Roi(600, 300, 16, 16)
@@ -50,12 +52,20 @@ def make_run(case: Case, folder: Path | str) -> Path:
         for point in points:
             with writer.point(point.index) as file:
                 pixels = recording_seed(case.seed, _TRUE_SENSOR, 0)
-                noise = recording_seed(case.seed, _TRUE_SENSOR, 1 + point.index)
-                for events in simulate_point(point, model, engine, sensor_seed=pixels, seed=noise):
+                for events in simulate_point(point, model, engine, sensor_seed=pixels, seed=_noise(case, point)):
                     file.append(EventChunk(events, empty_triggers()))
                 writer.finish(file, _record(point))
         writer.note("run_finished")
     return folder
+
+
+def phases_in_run(case: Case) -> list[float | None]:
+    """Return the phase that a ripple of the light has at the start of each recording, rad; None: there is none."""
+    ripple = case.model.effect(LightFlicker.id)
+    if ripple is None:
+        return [None for _ in planned_points(case)]
+    chain = build_chain(on_sensor(case.model, SENSOR), ROI, sensor_seed=0)
+    return [flicker_phase(chain, _noise(case, point)) for point in planned_points(case)]
 
 
 def planned_points(case: Case) -> list[PointData]:
@@ -70,6 +80,11 @@ def planned_points(case: Case) -> list[PointData]:
         for contrast in plan.short:
             found.append(_point(len(found), lux, nd_od, contrast, plan.short_s, plan.short_periods, case))
     return found
+
+
+def _noise(case: Case, point: PointData) -> int:
+    """Return the seed of a recording."""
+    return recording_seed(case.seed, _TRUE_SENSOR, 1 + point.index)
 
 
 def _engine(case: Case) -> Engine:

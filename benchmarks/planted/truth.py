@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.expected.forward import engine_of
+from bench.diagnosis.expected.phases import with_phases
 from bench.diagnosis.expected.residuals import expectation, measured
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import add, summarise
 from bench.diagnosis.views.registry import VIEWS
 from bench.models.simulation import on_sensor, recording_seed, simulate_point
 from benchmarks.planted.falls import believed
-from benchmarks.planted.runs import ROI, SENSOR, planned_points
+from benchmarks.planted.runs import ROI, SENSOR, phases_in_run, planned_points
 from protocols.points import Roi
 
 if TYPE_CHECKING:
@@ -52,7 +53,8 @@ class _Bench:
 
     What takes long is simulated in a quarter of the pixels, and sizes are made twice as large: they go with the root
     of the number of pixels. The comparators look as often as they did in the case: events that come at the same look
-    wait for each other in a readout, and seldom looks would make that a large effect.
+    wait for each other in a readout, and seldom looks would make that a large effect. A ripple has the phase that it
+    has in each recording: at any other one the recording would be another.
     """
 
     def __init__(self, case: Case) -> None:
@@ -61,6 +63,7 @@ class _Bench:
         if slow:
             self.points = [replace(p, roi=_QUARTER) for p in self.points]
         self.scale = 2.0 if slow else 1.0
+        self._phases = dict(zip((p.index for p in self.points), phases_in_run(case), strict=True))
         self._seed = case.seed
         self._engine = engine_of(case.dt_s)
 
@@ -71,7 +74,8 @@ class _Bench:
     def _look(self, point: PointData, model: PixelModel, of_set: int, sensor: int, late_us: int) -> Summary:
         pixels = recording_seed(self._seed + of_set, sensor, 0)
         noise = recording_seed(self._seed + of_set, sensor, 1 + point.index)
-        events = simulate_point(point, on_sensor(model, SENSOR), self._engine, sensor_seed=pixels, seed=noise)
+        [there] = with_phases([on_sensor(model, SENSOR)], [self._phases[point.index]])
+        events = simulate_point(point, there, self._engine, sensor_seed=pixels, seed=noise)
         return summarise(Recording(Frame(point), (_later(e, late_us) for e in events)), VIEWS)
 
 

@@ -10,8 +10,10 @@ import pytest
 
 from bench.store import Run, RunError
 from benchmarks.planted.cases import Case, Plan, cases
-from benchmarks.planted.runs import ROI, make_run, planned_points
+from benchmarks.planted.runs import ROI, make_run, phases_in_run, planned_points
 from benchmarks.planted.strange_effects import STRANGE
+from benchmarks.planted.truth import _Bench
+from sim_backend.pixel.effects.light_flicker import LightFlicker
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -91,3 +93,26 @@ def test_a_strange_effect_changes_the_events_and_its_null_does_not(effect: type[
         stamps.append(np.concatenate([e for p in points for e in p.events()]))
     np.testing.assert_array_equal(stamps[0], stamps[1])
     assert not np.array_equal(stamps[0], stamps[2])
+
+
+def test_phases_are_those_of_the_recordings_also_in_what_is_expected_of_the_truth(tmp_path: Path) -> None:
+    """A ripple whose phase is given answers as the run does, event for event; sizes are found at those phases."""
+    case = next(c for c in cases(1) if "light_flicker" in c.planted and c.kind == "single")
+    case = replace(case, plan=TINY)
+    ripple = next(e for e in case.model.effects if isinstance(e, LightFlicker))
+    assert ripple.phase is None
+    points = Run.open(make_run(case, tmp_path / "run")).points()
+    phases = phases_in_run(case)
+    assert len(set(phases)) == TINY.points
+    for point, phase in zip(points, phases, strict=True):
+        given = replace(case, model=case.model.changed(replace(ripple, phase=phase)))
+        again = list(Run.open(make_run(given, tmp_path / f"given-{point.index}")).points())[point.index]
+        recorded, expected = (np.concatenate(list(p.events())) for p in (point, again))
+        np.testing.assert_array_equal(recorded, expected)
+    given = replace(case, model=case.model.changed(replace(ripple, phase=phases[0])))
+    [[first, *_]], [[same, *_]] = (_Bench(one).see(one.model, 0, 1) for one in (case, given))
+    np.testing.assert_array_equal(first.products, same.products)
+
+
+def test_without_a_ripple_there_are_no_phases() -> None:
+    assert phases_in_run(tiny("none-000")) == [None] * TINY.points
