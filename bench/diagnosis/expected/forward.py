@@ -106,6 +106,7 @@ class _Taken:
         self._engine = engine_of(task.dt_s)
         self._seed = recording_seed(task.seed, number, 0)
         self._chains: dict[Hashable, Chain] = {}  # points at one setting have the same pixels
+        self._before = {id(model): before_readout(model) for model in models}
         self._events: dict[int, list[npt.NDArray[np.void]]] = {}  # of laws whose points are looked at one by one
 
     def is_looked_at(self, index: int) -> bool:
@@ -114,7 +115,7 @@ class _Taken:
 
     def pixels(self, index: int) -> Hashable:
         """Return what the comparators' events depend on: sensors that differ behind these alone have the same."""
-        return self._number, before_readout(self._models[index])
+        return self._number, self._before[id(self._models[index])]
 
     def events(self, frame: Frame, index: int, pixels: _Pixels) -> Iterable[npt.NDArray[np.void]]:
         """Return the events of a point, or those of the first one with the same law."""

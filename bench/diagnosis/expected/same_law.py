@@ -25,16 +25,39 @@ def representatives(points: Sequence[PointData], models: Sequence[PixelModel]) -
     whose light differs by a factor, with everything else equal, are the same to it.
     """
     first: dict[Hashable, int] = {}
-    return [first.setdefault(_law(p, m, i), i) for i, (p, m) in enumerate(zip(points, models, strict=True))]
+    pixels = {id(m): _pixels(m) for m in models}  # there are few models, and many points
+    laws = [(pixels[id(m)], _seen(p)) for p, m in zip(points, models, strict=True)]
+    return [first.setdefault(i if None in law else law, i) for i, law in enumerate(laws)]
 
 
-def _law(point: PointData, model: PixelModel, index: int) -> Hashable:
-    if any(effect.knows_light for effect in model.effects):
-        return index
+def _pixels(model: PixelModel) -> str | None:
+    """Return what tells models apart whose pixels see only changes of the light; None: of one that sees more."""
+    return None if any(effect.knows_light for effect in model.effects) else repr(model)
+
+
+def _seen(point: PointData) -> Hashable:
+    """Return what pixels see of a point that see only changes of the light; None: it is like no other.
+
+    It is found once for each point.
+    """
+    known = _SEEN.get(id(point))
+    if known is None or known[0] is not point:
+        if len(_SEEN) >= _MOST_POINTS:
+            _SEEN.clear()
+        known = _SEEN[id(point)] = point, _changes(point)
+    return known[1]
+
+
+#: What was found of points before, by where they are in memory.
+_SEEN: dict[int, tuple[PointData, Hashable]] = {}
+_MOST_POINTS: Final = 4096
+
+
+def _changes(point: PointData) -> Hashable:
     lux = point.stimulus_lux
     # Darkness has no logarithm: a level of 0 lux is left to itself.
     if not lux.size or np.any(lux <= 0.0):
-        return index
+        return None
     numbers = (
         np.round(lux / lux[0], _FIGURES),
         np.round(point.stimulus_t_s, _FIGURES),
@@ -47,7 +70,6 @@ def _law(point: PointData, model: PixelModel, index: int) -> Hashable:
         point.gaps_s,
     )
     return (
-        repr(model),
         point.waveform,
         point.polarity,
         point.roi,

@@ -51,24 +51,32 @@ def sharpened_hz(points: Sequence[PointData], lines_hz: Sequence[float]) -> floa
     for reach, step in _TRIED_HZ:
         beside = step * np.arange(-round(reach / step), round(reach / step) + 1)
         at = np.unique(np.round(best[:, None] + beside, _DIGITS))
-        power = sum((_power(counts, bins, at) for bins, counts in known), np.zeros(len(at)))
+        power = np.sum(_powers(known, at), axis=0)
         best = at[[int(np.argmax(power))]]
     return float(best[0])
 
 
-def _power(counts: Floats, bins: Bins, at: Floats) -> Floats:
-    """Return what a wave of each frequency takes of the sum of squares of counts, in the unit of their variance.
+def _powers(known: Sequence[tuple[Bins, Floats]], at: Floats) -> Floats:
+    """Return (points, f) what each wave takes of the sum of squares of counts, in the unit of their variance.
 
     A wave is that from period to period of the stimulus, without mean and trend, times that within a period.
     """
-    left = bins.beyond_stimulus(counts)
-    variance = np.mean(left**2, axis=1)
-    if bins.rows == 1:
-        return _power_of_one_row(left[variance > 0.0], variance[variance > 0.0], bins, at)
-    rows = (left[variance > 0.0] / np.sqrt(variance[variance > 0.0])[:, None]).reshape(-1, bins.rows, bins.columns)
-    found = np.zeros(len(at))
-    for part in np.array_split(np.arange(len(at)), max(len(at) * bins.count // _AT_ONCE, 1)):
-        found[part] = _power_of_rows(rows, bins, 2.0 * math.pi * at[part, None])
+    found = np.zeros((len(known), len(at)))
+    alike: dict[Bins, dict[int, Floats]] = {}  # points of one stimulus are laid beside the same waves
+    for i, (bins, counts) in enumerate(known):
+        left = bins.beyond_stimulus(counts)
+        variance = np.mean(left**2, axis=1)
+        left, variance = left[variance > 0.0], variance[variance > 0.0]
+        if bins.rows == 1:
+            found[i] = _power_of_one_row(left, variance, bins, at)
+        else:
+            rows = (left / np.sqrt(variance)[:, None]).reshape(-1, bins.rows, bins.columns)
+            alike.setdefault(bins, {})[i] = rows
+    for bins, each in alike.items():
+        for part in np.array_split(np.arange(len(at)), max(len(at) * bins.count // _AT_ONCE, 1)):
+            waves = _Waves(bins, 2.0 * math.pi * at[part, None])
+            for i, rows in each.items():
+                found[i, part] = waves.power(rows)
     return found
 
 
@@ -82,18 +90,33 @@ def _power_of_one_row(left: Floats, variance: Floats, bins: Bins, at: Floats) ->
     return found
 
 
-def _power_of_rows(rows: Floats, bins: Bins, turn: Floats) -> Floats:
-    """Return the same of counts (polarities, rows, columns); (f, 1) radians of each wave in a second."""
-    within = np.exp(1j * turn * (bins.begin_s + (np.arange(bins.columns) + 0.5) * bins.width_s))
-    period_s = bins.columns * bins.width_s
-    between = bins.beyond_trend(np.exp(1j * turn * (np.arange(bins.rows) * period_s)))
-    products = [np.einsum("fr,rc,fc->f", between, one, within, optimize=True) for one in rows]
-    along = sum(np.abs(product) ** 2 for product in products)
-    crossed = sum(product**2 for product in products)
-    # With a wave x + iy: sums of xx + yy, and of (x + iy)^2; of its product with counts alike.
-    whole = np.sum(np.abs(between) ** 2, axis=1) * bins.columns
-    twisted = np.sum(between**2, axis=1) * np.sum(within**2, axis=1)
-    determinant = whole**2 - np.abs(twisted) ** 2
-    seen = whole - np.abs(twisted) > _LEFT * bins.count
-    power = 2.0 * (whole * along - np.real(np.conj(twisted) * crossed)) / np.where(seen, determinant, 1.0)
-    return np.asarray(np.where(seen, power, 0.0))
+class _Waves:
+    """Waves of some frequencies in the bins of a stimulus that repeats.
+
+    Parameters
+    ----------
+    bins
+        Several rows of them.
+    turn
+        (f, 1) radians of each wave in a second.
+    """
+
+    def __init__(self, bins: Bins, turn: Floats) -> None:
+        within = np.exp(1j * turn * (bins.begin_s + (np.arange(bins.columns) + 0.5) * bins.width_s))
+        period_s = bins.columns * bins.width_s
+        between = bins.beyond_trend(np.exp(1j * turn * (np.arange(bins.rows) * period_s)))
+        self._within, self._between = within, between
+        # With a wave x + iy: sums of xx + yy, and of (x + iy)^2.
+        self._whole = np.sum(np.abs(between) ** 2, axis=1) * bins.columns
+        self._twisted = np.sum(between**2, axis=1) * np.sum(within**2, axis=1)
+        self._seen = self._whole - np.abs(self._twisted) > _LEFT * bins.count
+        determinant = self._whole**2 - np.abs(self._twisted) ** 2
+        self._determinant = np.where(self._seen, determinant, 1.0)
+
+    def power(self, rows: Floats) -> Floats:
+        """Return (f,) what each takes of the sum of squares of counts (polarities, rows, columns)."""
+        products = [np.einsum("fr,rc,fc->f", self._between, one, self._within, optimize=True) for one in rows]
+        along = sum(np.abs(product) ** 2 for product in products)
+        crossed = sum(product**2 for product in products)
+        power = 2.0 * (self._whole * along - np.real(np.conj(self._twisted) * crossed)) / self._determinant
+        return np.asarray(np.where(self._seen, power, 0.0))

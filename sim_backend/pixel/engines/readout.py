@@ -117,7 +117,7 @@ class Readout:
         -------
         Events of `EVENT_DTYPE`, in order of time, row and column; none is before one that was returned earlier.
         """
-        events = _sorted(events)
+        events = _sorted(events).copy()
         events["t_us"] += self._delay_us
         for stage in self._stages:
             events, until_us = stage.take(events, until_us)
@@ -136,7 +136,9 @@ def _stamp(events: Events) -> Events:
     for name in ("x", "y", "p"):
         stamped[name] = events[name]
     # Those of most engines are already.
-    return stamped if is_in_order(stamped) else stamped[np.lexsort([stamped[name] for name in ("p", "x", "y", "t")])]
+    if is_in_order(stamped["t"], stamped):
+        return stamped
+    return stamped[np.lexsort([stamped[name] for name in ("p", "x", "y", "t")])]
 
 
 def _stages(chain: Chain, seed: int, duration_us: float) -> list[_Stage]:
@@ -365,7 +367,11 @@ class _Held:
 
 
 def _sorted(events: Events) -> Events:
-    """Return the events in order of time, row, column and polarity."""
+    """Return the events in order of time, row, column and polarity; the same ones where they are already."""
+    from sim_backend.pixel.engines.readout_kernels import is_in_order
+
+    if is_in_order(events["t_us"], events):
+        return events
     return events[np.lexsort((events["p"], events["x"], events["y"], events["t_us"]))]
 
 

@@ -92,13 +92,12 @@ def write_events(found, column, row, to_us, events):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_in_order(events):  # type: ignore[no-untyped-def]
-    """Return whether events of EVENT_DTYPE are in order of time, row, column and polarity."""
-    before_t, before_address = np.iinfo(np.int64).min, np.int64(0)
+def is_in_order(t, events):  # type: ignore[no-untyped-def]
+    """Return whether events with the times t are in order of time, row, column and polarity."""
+    before_address = np.int64(0)
     for i in range(len(events)):
-        t = events[i].t
         address = (np.int64(events[i].y) << 17) | (np.int64(events[i].x) << 1) | np.int64(events[i].p)
-        if t < before_t or (t == before_t and address < before_address):
+        if i > 0 and not (t[i - 1] < t[i] or (t[i - 1] == t[i] and before_address <= address)):
             return False
-        before_t, before_address = t, address
+        before_address = address
     return True
