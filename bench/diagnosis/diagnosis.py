@@ -181,7 +181,7 @@ class Diagnosis:
         """
         if len(self._all()) == 1:
             raise InputError("nothing was added; there is nothing to take back")
-        self._states.pop()
+        self._back_to(self._states[:-1])
         return self._last_step()
 
     def run(self, most: int = 3) -> Outcome:
@@ -244,13 +244,18 @@ class Diagnosis:
         known = self._states
         for depth, other in other_ways(self.problem, known)[:_DETOURS]:
             self._say(f"step {depth + 1}: another way, with {other.effect}")
-            self._states = [*known[:depth], proposing(self.problem, known[depth], other.effect)]
+            self._back_to([*known[:depth], proposing(self.problem, known[depth], other.effect)])
             self._states = [*self._states, self._with(other, known[depth])]
             self._drop()
             self._go_on(most)
             if is_explained(self.problem, self._states[-1]):
                 return
-        self._states = known
+        self._back_to(known)
+
+    def _back_to(self, states: list[State]) -> None:
+        """Go on from states that were there before; phases of a ripple are those that the last of them had."""
+        self._states = states
+        self._session.problem = states[-1].problem
 
     def _all(self) -> list[State]:
         """Return the states, of which there is at least one."""
@@ -288,7 +293,7 @@ class Diagnosis:
             scores = self._probed(fitted, number)
         little = leaves_little(self.problem, fitted)
         trends = clear_trends(self.problem, fitted, self._seed + 100 * number + 91) if little else ()
-        return State(fitted, scores, added, fall, trends=trends)
+        return State(fitted, scores, added, fall, self.problem, trends=trends)
 
     def _probed(self, fitted: Fit, number: int) -> Scores:
         """Return what each effect that is not in the model promises."""

@@ -33,7 +33,7 @@ def judged_by_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def found(effect: str, deviance: float) -> Any:
-    return SimpleNamespace(effect=effect, deviance=deviance, fit=effect)
+    return SimpleNamespace(effect=effect, deviance=deviance, fit=effect, phases=None, beside=lambda problem: problem)
 
 
 class MadeUp(Diagnosis):
@@ -51,10 +51,12 @@ class MadeUp(Diagnosis):
     def way(self, states: Sequence[Any]) -> tuple[str, ...]:
         return tuple(s.added for s in states[1:])
 
-    def _look(self, fitted: Any, added: str | None, fall: float) -> Any:
+    def _look(self, fitted: Any, added: str | None, fall: float, in_phase: bool = False) -> Any:
+        assert not in_phase
         return SimpleNamespace(
-            fit=fitted, added=added, fall=fall, refitted={}, proposal=None, tied=(), scores=SimpleNamespace(probes=())
-        )
+            fit=fitted, added=added, fall=fall, refitted={}, proposal=None, tied=(), problem=self,
+            scores=SimpleNamespace(probes=()),
+        )  # fmt: skip
 
     def _go_on(self, most: int) -> None:
         longer = [way for way in self.left if way[:-1] == self.way(self._states) and way]
@@ -111,8 +113,8 @@ def test_what_is_needless_on_another_way_is_taken_out() -> None:
     made = Needless(left, [])
     look = made._look
 
-    def with_rival(fitted: Any, added: str | None, fall: float) -> Any:
-        state = look(fitted, added, fall)
+    def with_rival(fitted: Any, added: str | None, fall: float, in_phase: bool = False) -> Any:
+        state = look(fitted, added, fall, in_phase)
         state.refitted = {"leak": found("leak", 0.1)} if added == "light_drift" else {}
         return state
 
@@ -126,6 +128,44 @@ def test_what_was_proposed_or_tied_is_no_other_way() -> None:
     made._states[0].tied = ("leak",)
     way: Any = made.run()
     assert way == ("light_drift",)
+
+
+def gone_on(phases: Sequence[float]) -> Any:
+    """Return a diagnosis in which a ripple got other phases with each step."""
+    made = object.__new__(Diagnosis)
+    made.findings = ()
+    made._states = [SimpleNamespace(problem=phase) for phase in phases]  # type: ignore[misc]
+    made._session = SimpleNamespace(problem=phases[-1])  # type: ignore[assignment]
+    made._last_step = lambda: made._states[-1]  # type: ignore[method-assign,assignment,return-value]
+    return made
+
+
+def test_what_is_undone_takes_its_phases_along() -> None:
+    made = gone_on([0.1, 0.7, 1.9])
+    made.undo()
+    assert made.problem == 0.7
+    made.undo()
+    assert made.problem == 0.1
+
+
+def test_the_first_way_has_its_phases_again_once_others_have_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, tried = gone_on([0.1, 0.7, 1.9]), []
+    monkeypatch.setattr(diagnosis, "other_ways", lambda *_: [(1, found("leak", 0.3)), (0, found("crosstalk", 0.3))])
+    monkeypatch.setattr(diagnosis, "proposing", lambda _, state, __: state)
+    monkeypatch.setattr(diagnosis, "is_explained", lambda *_: False)
+    made._say = lambda _: None
+
+    def with_another(_: Any, before: Any) -> Any:
+        tried.append((made.problem, before.problem))
+        made._session.problem = 3.3
+        return SimpleNamespace(problem=3.3)
+
+    made._with = with_another
+    made._drop = made._go_on = lambda *_: None
+    made._try_others(3)
+    assert tried == [(0.7, 0.7), (0.1, 0.1)]
+    assert made.problem == 1.9
+    assert len(made._states) == 3
 
 
 class Promising(Shortlist):
