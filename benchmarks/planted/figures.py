@@ -22,7 +22,8 @@ __all__ = ["draw_confusion", "draw_detection"]
 _COLOUR: Final = style.POLARITY_COLOURS["on"]
 _WRONG: Final = style.POLARITY_COLOURS["off"]
 _LEAST: Final = 0.5  #: smaller sizes are drawn here
-_MARGIN: Final = 0.1
+_MARGIN: Final = 0.13
+_BEHIND: Final = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
 
 
 def draw_detection(bins: Sequence[Bin], cases: Sequence[Tried]) -> Figure:
@@ -40,8 +41,10 @@ def draw_detection(bins: Sequence[Bin], cases: Sequence[Tried]) -> Figure:
     shares = [b.found.k / b.found.n for b in bins]
     ax.plot(x, shares, "o-", color=style.INK, label="share, with its 95 % interval")
     for place, share, one in zip(x, shares, bins, strict=True):
-        ax.annotate(f"{one.found.k}/{one.found.n}", (place, share), (5, 4), textcoords="offset points",
-                    fontsize=7.5, color=style.MUTED)  # fmt: skip
+        # Intervals go inwards from none and from all, so there is room on the other side.
+        aside = (0, 9) if share > 0.5 else (0, -9)
+        ax.annotate(f"{one.found.k}/{one.found.n}", (place, share), aside, textcoords="offset points", ha="center",
+                    va="center", fontsize=7.5, color=style.MUTED, bbox=_BEHIND)  # fmt: skip
     ax.axvline(SEEN, color=style.MUTED, linewidth=0.8, linestyle="--")
     ax.axhline(0.95, color=style.MUTED, linewidth=0.8, linestyle=":")
     ax.set_xscale("log")
@@ -50,7 +53,7 @@ def draw_detection(bins: Sequence[Bin], cases: Sequence[Tried]) -> Figure:
     ax.minorticks_off()
     ax.set_xlabel("size of the effect (standard errors)")
     ax.set_ylabel("named first")
-    ax.set_ylim(-0.16, 1.16)
+    ax.set_ylim(-0.19, 1.19)
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.02), ncols=3)
     return figure
 
