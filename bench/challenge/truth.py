@@ -96,7 +96,8 @@ def biases_of(runs: Sequence[Path], station: str) -> list[dict[str, int]]:
         run = Run.open(folder)
         taken_on = (run.header.everything.get("station") or {}).get("name")
         if taken_on != station:
-            raise InputError(f"{folder}: was taken on station {taken_on}, not on {station}")
+            where = "names no station" if taken_on is None else f"was taken on station {taken_on}"
+            raise InputError(f"{folder}: {where}; expected a run that was taken on {station}")
         for point in run.points():
             offsets = {name: round(value) for name, value in point.bias.items()}
             if offsets not in found:

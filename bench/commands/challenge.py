@@ -84,7 +84,8 @@ def reveal(folder: Path, diagnosis: Path | None, runs: tuple[Path, ...], as_json
         _print_effects(truth)
         _print_score(scored)
     if not runs and not as_json:
-        say("thresholds, corner and dead time are those at the factory biases; name runs with others with --run")
+        say("thresholds, corner and dead time are those at the factory biases; "
+            "where a protocol set others, name its run with --run")  # fmt: skip
 
 
 def _print_effects(truth: Truth) -> None:

@@ -17,6 +17,7 @@ __all__ = [
     "effects_option",
     "interactive",
     "json_option",
+    "part_folder",
     "print_json",
     "print_table",
     "results_folder",
@@ -89,6 +90,19 @@ def results_folder(run: Path, out: Path | None) -> Path:
         (folder / LOG_FILE).touch()
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder with --out") from None
+    return folder
+
+
+def part_folder(results: Path, name: str) -> Path:
+    """Return the folder that a part of the results will have; it is made later.
+
+    What stands in its way is told before time is spent on the results.
+    """
+    from protocols.errors import InputError
+
+    folder = results / name
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; expected a folder, or nothing")
     return folder
 
 

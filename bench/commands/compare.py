@@ -9,12 +9,13 @@ import click
 from bench.commands.common import (
     effects_option,
     json_option,
+    part_folder,
     print_json,
     results_folder,
     results_option,
     say,
 )
-from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, processes, size_of
+from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, size_of
 
 __all__ = ["command"]
 
@@ -43,11 +44,13 @@ def command(
     from bench.diagnosis.telling.by_axis import by_axis, worst_places
     from bench.diagnosis.telling.saving import comparison_dict, save_comparison
     from bench.diagnosis.telling.wording import comparison_lines, head_line
+    from bench.diagnosis.workers import processes
     from bench.logs import LOG_FILE, log_into
 
     model = model_of(model_file)
     opened = open_runs(runs)
     results = results_folder(runs[0], out)
+    folder = part_folder(results, "comparison")
     with log_into(results / LOG_FILE), Teller() as tell:
         comparison = compare(opened, model, seed=seed, workforce=processes(workers), tell=tell, whole=whole)
         tell("looking at the pixels' places")
@@ -55,7 +58,6 @@ def command(
     places = worst_places(comparison.residuals, comparison.correlation)
     bins = by_axis(comparison.residuals, comparison.correlation)
     content = comparison_dict(comparison, found)
-    folder = results / "comparison"
     folder.mkdir(exist_ok=True)
     save_comparison(comparison, content, folder)
     if as_json:

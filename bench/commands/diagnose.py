@@ -11,12 +11,13 @@ import click
 from bench.commands.common import (
     effects_option,
     json_option,
+    part_folder,
     print_json,
     results_folder,
     results_option,
     say,
 )
-from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, processes, size_of
+from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, size_of
 from bench.commands.evaluating import DIAGNOSIS
 
 if TYPE_CHECKING:
@@ -29,13 +30,15 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
+_MOST = 3
+
 
 @click.command(name="diagnose")
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
 @fit_options
 @click.option(
-    "--max-effects", type=click.IntRange(0), default=3, show_default=True, metavar="N",
-    help="Effects that are added at the most.",
+    "--max-effects", type=click.IntRange(0), metavar="N",
+    help="Effects that are added at the most; default is 3. With --interactive you say it.",
 )  # fmt: skip
 @click.option("--interactive", "by_hand", is_flag=True, help="Ask after each step which effect is to be added.")
 @effects_option
@@ -47,7 +50,7 @@ def command(
     seed: int,
     workers: int,
     whole: bool,
-    max_effects: int,
+    max_effects: int | None,
     by_hand: bool,
     out: Path | None,
     as_json: bool,
@@ -63,19 +66,26 @@ def command(
     from bench.diagnosis.diagnosis import Diagnosis
     from bench.diagnosis.telling.by_axis import first_places
     from bench.diagnosis.telling.wording import head_line, lines_of
+    from bench.diagnosis.workers import processes
     from bench.logs import LOG_FILE, log_into
     from bench.report.diagnosis import PAGE
 
+    if by_hand and max_effects is not None:
+        raise click.UsageError("--max-effects says nothing with --interactive; expected one of the two")
     model = model_of(model_file)
     opened = open_runs(runs)
     results = results_folder(runs[0], out)
+    folder = part_folder(results, DIAGNOSIS)
     show: Callable[[str], None] = say if as_json else _print
-    folder = results / DIAGNOSIS
     with log_into(results / LOG_FILE), Teller() as tell:
         with Diagnosis(
             opened, model, seed=seed, tell=tell, workforce=processes(workers), whole=whole
         ) as diagnosis:  # fmt: skip
-            outcome = _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
+            outcome = (
+                _by_hand(diagnosis, tell, show)
+                if by_hand
+                else diagnosis.run(_MOST if max_effects is None else max_effects)
+            )
             residuals = residuals_by_step(diagnosis.problem, diagnosis.fits) if outcome.steps else {}
         tell("drawing the figures")
         _save(outcome, residuals, folder)

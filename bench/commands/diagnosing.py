@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,11 +14,10 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
-    from bench.compute import Workforce
     from bench.models.pixel_files import PixelModel
     from bench.store import Run
 
-__all__ = ["Teller", "fit_options", "model_of", "open_runs", "processes", "size_of"]
+__all__ = ["Teller", "fit_options", "model_of", "open_runs", "size_of"]
 
 _model_option = click.option(
     "--model", "model_file", metavar="FILE", help="A pixel model to start from; default is the base pixel alone."
@@ -72,21 +70,6 @@ def open_runs(folders: Sequence[Path]) -> tuple[Run, ...]:
         for line in run.damaged:
             say(f"left out: {line}")
     return found
-
-
-def processes(workers: int) -> Workforce:
-    """Return so many processes, which know the user's own effects and views."""
-    from bench.compute import Workforce
-    from bench.diagnosis.views.registry import same_views
-    from bench.models.effect_sources import same_effects
-
-    known = [setup for setup in (same_effects(), same_views()) if setup is not None]
-    return Workforce(workers, setup=partial(_each, known) if known else None)
-
-
-def _each(setups: Sequence[Callable[[], object]]) -> None:
-    for setup in setups:
-        setup()
 
 
 def size_of(runs: Sequence[Run]) -> tuple[int, int]:

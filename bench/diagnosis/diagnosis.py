@@ -8,8 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from bench.compute import Workforce
-from bench.diagnosis.expected.catalogue import candidates
+from bench.diagnosis.expected.catalogue import candidates, why_not
 from bench.diagnosis.expected.gate import findings_of
 from bench.diagnosis.fitting.details import with_a_detail
 from bench.diagnosis.fitting.judging import deviance_beside, deviance_per_dof, is_far_off, share
@@ -30,13 +29,16 @@ from bench.diagnosis.searching.ties import told_apart
 from bench.diagnosis.searching.trends import clear_trends
 from bench.diagnosis.searching.verdict import ties_of, verdict_of
 from bench.diagnosis.session import open_session
+from bench.diagnosis.workers import processes
 from bench.store import Run
 from protocols.errors import InputError
+from sim_backend.pixel.effects.registry import effects
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
     from types import TracebackType
 
+    from bench.compute import Workforce
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.fitting.probe import Probe
@@ -110,7 +112,7 @@ class Diagnosis:
         self._without = frozenset(without)
         self._open = ExitStack()
         self._session: Session = self._open.enter_context(
-            open_session(opened, model, workforce or Workforce(workers), whole=whole)
+            open_session(opened, model, workforce or processes(workers), whole=whole)
         )
         self._states: list[State] = []
         self._next: tuple[Fit, dict[str, Any] | None] | None = None
@@ -214,6 +216,7 @@ class Diagnosis:
             remainder=remainder_of(self.problem, states[-1]) if states and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
             shortened=self.shortened,
+            stopped=verdict == "unexplained" and _asks_for_more(states[-1]),
         )
 
     def _next_measurement(self, last: Fit | None, ties: dict[str, tuple[str, ...]]) -> dict[str, Any] | None:
@@ -230,6 +233,8 @@ class Diagnosis:
         added: set[str] = set()
         while len(self._all()) <= most:
             proposal = self.proposal
+            if proposal in added:
+                self._states[-1].proposal = None
             if proposal is None or proposal in added:
                 break
             added.add(proposal)
@@ -322,9 +327,7 @@ class Diagnosis:
         ids = [one.effect.id for one in state.scores.probes]
         for name in effect_ids:
             if name not in ids:
-                raise InputError(
-                    f"{name}: not among the effects that may be missing; expected one of {', '.join(ids)}"
-                )
+                raise InputError(f"{name}: {self._why_not(name, state)}; expected one of {', '.join(ids)}")
         unknown = [name for name in effect_ids if name not in state.refitted]
         if unknown:
             self._say(f"refitting with {', '.join(unknown)}")
@@ -335,6 +338,11 @@ class Diagnosis:
             state.refitted |= {found.effect: found for found in made.found}
             state.hopeless |= made.hopeless
         return [state.refitted[name] for name in effect_ids if name in state.refitted]
+
+    def _why_not(self, name: str, state: State) -> str:
+        if name not in effects():
+            return "no such effect"
+        return why_not(effects()[name], state.fit.model, self.problem.points) or "it was left out"
 
     def _drop(self) -> None:
         """Take out effects that were added before and have turned out to be needless."""
@@ -355,3 +363,8 @@ class Diagnosis:
 
     def _last_step(self) -> Step:
         return step_with_candidates(self.problem, self._states[-1], len(self._states) - 1)
+
+
+def _asks_for_more(state: State) -> bool:
+    """Return whether something was to be added, or may have been: nobody has looked."""
+    return not state.chosen or state.proposal is not None

@@ -147,6 +147,7 @@ class Outcome:
     next_measurement: dict[str, Any] | None = None
     model: PixelModel | None = field(default=None, compare=False)  #: with all that was added
     shortened: str = ""  #: how much of the recordings was looked at, where it was not all
+    stopped: bool = False  #: before all was tried that is known: by a person, or at the most effects that were asked
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and texts, as they stand in the JSON."""
@@ -157,6 +158,7 @@ class Outcome:
             "noise_floor": 1.0,
             "steps": [s.to_dict() for s in self.steps],
             "verdict": self.verdict,
+            "stopped": self.stopped,
             "missing": list(self.missing),
             "ties": {key: list(value) for key, value in self.ties.items()},
             "remainder": [r.to_dict() for r in self.remainder],

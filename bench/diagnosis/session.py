@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Final
 
 from bench.compute import Workforce
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Slot
     from bench.diagnosis.fitting.fitted import Fit
     from bench.store import Run
-    from bench.store.data import PointData
+    from bench.store.data import PointData, Sensor
 
 __all__ = ["Session", "open_session"]
 
@@ -197,12 +197,19 @@ def _points(runs: Sequence[Run]) -> list[PointData]:
     points: list[PointData] = []
     for run in runs:
         if run.header.sensor != runs[0].header.sensor:
-            raise InputError(f"{run.header.id}: another sensor than that of {runs[0].header.id}; expected the same")
+            raise InputError(f"{run.folder}: {_unlike(run.header.sensor, runs[0])}; expected runs of one sensor")
         first = 1 + max((p.index for p in points), default=-1)
         points += [replace(p, index=first + p.index) for p in run.points()]
     if not points:
-        raise InputError(f"{runs[0].header.id}: has no points; expected some that were taken")
+        raise InputError(f"{runs[0].folder}: has no points; expected some that were taken")
     return points
+
+
+def _unlike(sensor: Sensor, run: Run) -> str:
+    """Return in what a sensor is another one than that of a run."""
+    other = asdict(run.header.sensor)
+    unlike = [f"{name} {value} and {other[name]}" for name, value in asdict(sensor).items() if value != other[name]]
+    return f"another sensor than that of {run.folder} ({', '.join(unlike)})"
 
 
 def _check_readout(model: PixelModel, points: Sequence[PointData]) -> None:

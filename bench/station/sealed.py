@@ -55,7 +55,9 @@ def open_world(path: Path) -> WorldSection:
     try:
         return WorldSection.model_validate(content)
     except ValidationError:
-        raise InputError(f"{path}: holds no world that this version reads") from None
+        raise InputError(
+            f"{path}: holds no station that this version reads; expected one that its 'evs-bench challenge new' made"
+        ) from None
 
 
 def _plain(content: Mapping[str, Any]) -> bytes:
@@ -69,7 +71,7 @@ def _unsealed(path: Path) -> object:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     if head.decode("ascii", "replace").rpartition("/")[0] != _FAMILY:
-        raise InputError(f"{path}: is no sealed file")
+        raise InputError(f"{path}: is no sealed file; expected one that 'evs-bench challenge new' made")
     if head != _FORMAT.encode("ascii"):
         raise InputError(f"{path}: is of the format {head.decode('ascii', 'replace')}; this version reads {_FORMAT}")
     checksum, _, body = rest.partition(b"\n")
@@ -79,5 +81,5 @@ def _unsealed(path: Path) -> object:
             raise ValueError
         found: object = json.loads(zlib.decompressobj().decompress(packed, _MOST_BYTES))
     except (binascii.Error, zlib.error, ValueError):
-        raise InputError(f"{path}: is damaged; make the challenge again, with the same seed") from None
+        raise InputError(f"{path}: is damaged; expected what 'evs-bench challenge new' made") from None
     return found

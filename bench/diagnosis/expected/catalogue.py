@@ -278,24 +278,24 @@ def sized(effect: type[Effect], factor: float, given: Mapping[str, float] | None
 
 
 def candidates(
-    model: PixelModel,
-    points: Sequence[PointData],
-    *,
-    thresholds_known: bool = False,
-    without: Collection[str] = (),
-) -> list[type[Effect]]:
+    model: PixelModel, points: Sequence[PointData], without: Collection[str] = ()
+) -> list[type[Effect]]:  # fmt: skip
     """Return the effects that the model lacks and that may show in these points; those in `without` are left out."""
-    filtered = any(p.nd_od > 0.0 for p in points)
-    in_part = any(p.stored_roi is not None for p in points)
-    found = []
-    for effect_id, effect in effects().items():
-        if model.effect(effect_id) is not None or not free_of(effect) or effect_id in without:
-            continue
-        if effect_id in NEEDS_KNOWN_THRESHOLDS and not thresholds_known:
-            continue
-        if (effect_id == "nd_error" and not filtered) or (effect_id in OF_ALL_PIXELS and in_part):
-            continue
-        if _takes_hours([effect_id, *(e.id for e in model.effects)]):
-            continue
-        found.append(effect)
-    return found
+    return [e for e in effects().values() if e.id not in without and why_not(e, model, points) is None]
+
+
+def why_not(effect: type[Effect], model: PixelModel, points: Sequence[PointData]) -> str | None:
+    """Return why an effect cannot be looked for in these points, beside a model; None: it can."""
+    if model.effect(effect.id) is not None:
+        return "the model has it already"
+    if not free_of(effect):
+        return "none of its numbers has a null and another default, the size at which it is looked for"
+    if effect.id in NEEDS_KNOWN_THRESHOLDS:
+        return "other thresholds do the same, and they are fitted"
+    if effect.id == "nd_error" and not any(p.nd_od > 0.0 for p in points):
+        return "no filter was in the light"
+    if effect.id in OF_ALL_PIXELS and any(p.stored_roi is not None for p in points):
+        return "it shows in the whole window, of which a part is looked at (--whole looks at all of it)"
+    if _takes_hours([effect.id, *(e.id for e in model.effects)]):
+        return "beside what the model has it is simulated sample by sample, for hours"
+    return None

@@ -38,7 +38,8 @@ def ties_of(states: Sequence[State], missing: Sequence[str]) -> dict[str, tuple[
     """Return for each effect that was added what could take its place, but for what was added as well."""
     found = {}
     for before, state in pairwise(states):
-        others = tuple(name for name in before.tied if states[-1].fit.model.effect(name) is None)
-        if state.added is not None and state.added in missing and others and before.proposal == state.added:
+        group = (before.proposal, *before.tied)  # a person may have added another one of it than was proposed
+        others = tuple(n for n in group if n and n != state.added and states[-1].fit.model.effect(n) is None)
+        if state.added is not None and state.added in missing and state.added in group and others:
             found[state.added] = others
     return found

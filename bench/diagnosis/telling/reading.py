@@ -53,6 +53,7 @@ def _outcome(content: Mapping[str, Any]) -> Outcome:
         remainder=tuple(Remainder(**_numbers(r, "size", "z")) for r in content["remainder"]),
         next_measurement=content["next_measurement"],
         shortened=content["data_quality"].get("looked_at", ""),
+        stopped=bool(content.get("stopped", False)),
     )
 
 

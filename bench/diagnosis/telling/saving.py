@@ -44,7 +44,7 @@ COMPARISON_FORMAT: Final = "evs-bench-comparison/1"
 def save_outcome(outcome: Outcome, folder: Path, residuals: ResidualsByStep | None = None) -> None:
     """Write a diagnosis into `folder`: diagnosis.json, model.yaml, residuals.csv and by_axis.csv.
 
-    Each file is whole or absent, and the JSON is written last.
+    Each file is whole or absent. What an earlier diagnosis left, and this one has not, goes once the JSON is there.
 
     Parameters
     ----------
@@ -56,6 +56,10 @@ def save_outcome(outcome: Outcome, folder: Path, residuals: ResidualsByStep | No
     if outcome.model is not None:
         _write(folder / MODEL_FILE, model_text(outcome.model))
     _write(folder / JSON_FILE, json_text(outcome.to_dict()) + "\n")
+    # What is left of an earlier diagnosis would be taken for this one's.
+    for name, is_new in ((RESIDUALS_FILE, residuals), (BINS_FILE, residuals), (MODEL_FILE, outcome.model)):
+        if not is_new:
+            (folder / name).unlink(missing_ok=True)
 
 
 def comparison_dict(comparison: Comparison, patterns: Sequence[Pattern]) -> dict[str, Any]:

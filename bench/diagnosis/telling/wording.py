@@ -270,6 +270,10 @@ def verdict_line(outcome: Outcome) -> str:
         return (
             f"verdict: {many} missing, {names}. The error fell from {first} to {last}; nothing else is significant."
         )
+    if outcome.stopped:
+        added = [step.added for step in outcome.steps if step.added is not None]
+        so_far = f"With {_listed(added)} the error fell from {first} to {last}" if added else f"The error is {first}"
+        return f"verdict: unexplained so far. {so_far}; the search was stopped before all that is known was tried."
     if outcome.missing:
         return (
             f"verdict: unexplained. With {names} the error fell from {first} to {last}, but something is left that "

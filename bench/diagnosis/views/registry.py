@@ -77,12 +77,12 @@ def load_view_files(paths: Iterable[str | os.PathLike[str]]) -> None:
         if where in _FILES and where.is_file() and sha256_of(where) == _FILES[where].sha256:
             continue
         found = read_view_file(path)
-        taken = [view.id for view in VIEWS]
-        taken += [view.id for known, source in _FILES.items() if known != where for view in source.views]
+        taken = {view.id: "a built-in view" for view in VIEWS}
+        taken |= {v.id: str(known) for known, source in _FILES.items() if known != where for v in source.views}
         for view in found.views:
             if view.id in taken:
-                raise InputError(f"{path}: the id {view.id} is taken; choose another")
-            taken.append(view.id)
+                raise InputError(f"{path}: the id {view.id} is taken ({taken[view.id]}); choose another")
+            taken[view.id] = "the same file"
         _FILES[where] = found
 
 

@@ -178,7 +178,7 @@ def test_the_truth_is_told_at_the_biases_of_a_run(challenge: Path, tmp_path: Pat
         assert at[1] / at[0] == pytest.approx(asked / factory)  # the shape is that of the data sheet
     at_factory = {n.key: n.value for n in truth.numbers()}
     assert at_factory["thresholds.on"] == numbers["thresholds.on@0"]
-    with pytest.raises(InputError, match=r"was taken on station blind-.*, not on blind-other"):
+    with pytest.raises(InputError, match=r"station blind-.*; expected a run that was taken on blind-other"):
         biases_of([run], "blind-other")
 
 

@@ -15,7 +15,7 @@ from bench.diagnosis.searching import detours, refit, shortlist
 from bench.diagnosis.searching.shortlist import Shortlist
 from bench.diagnosis.searching.verdict import ties_of
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak
+from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, StrayLight
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -276,3 +276,16 @@ def test_what_was_tied_and_then_added_is_tied_no_more() -> None:
     assert ties_of([first, second], [delay.id]) == {delay.id: (trail.id, "light_rise_time")}
     assert ties_of([first, second, third], [delay.id, trail.id]) == {delay.id: ("light_rise_time",)}
     assert ties_of([first, second], []) == {}
+
+
+def test_a_person_may_add_another_one_of_a_tie_than_was_proposed() -> None:
+    dark, stray = DarkCurrent(mean_fa=3.0), StrayLight(illuminance_lux=0.01)
+
+    def state(added: str | None, proposal: str | None, *has: Any) -> Any:
+        model = sum(has, start=PixelModel())
+        tied = ("stray_light", "leak") if proposal else ()
+        return SimpleNamespace(added=added, proposal=proposal, tied=tied, fit=SimpleNamespace(model=model))
+
+    first = state(None, dark.id)
+    assert ties_of([first, state(stray.id, None, stray)], [stray.id]) == {stray.id: (dark.id, "leak")}
+    assert ties_of([first, state("crosstalk", None, Crosstalk(0.1))], ["crosstalk"]) == {}  # it is not one of the tie

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from bench.diagnosis.expected.catalogue import candidates, free_of, probe_of
+from bench.diagnosis.expected.catalogue import candidates, free_of, probe_of, why_not
 from bench.diagnosis.expected.parameters import base_parameters, move, put
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import DarkCurrent
+from sim_backend.pixel.effects import DarkCurrent, Effect, HighPass, Leak
 from sim_backend.pixel.effects.registry import effects
 
 ALL = sorted(effects())
@@ -52,6 +52,19 @@ def test_numbers_of_the_base_pixel_are_put_where_they_belong() -> None:
 def test_what_other_thresholds_would_do_too_is_not_proposed() -> None:
     proposed = {e.id for e in candidates(PixelModel(), [])}
     assert not proposed & {"contrast_error", "injection_offset", "nd_error"}
-    known = {e.id for e in candidates(PixelModel() + DarkCurrent(), [], thresholds_known=True)}
-    assert {"contrast_error", "injection_offset"} <= known
-    assert "dark_current" not in known
+    assert "dark_current" in proposed
+    assert "dark_current" not in {e.id for e in candidates(PixelModel() + DarkCurrent(), [])}
+
+
+@pytest.mark.parametrize(
+    ("effect_id", "has", "reason"),
+    [
+        ("leak", Leak(), "the model has it already"),
+        ("contrast_error", Leak(), "other thresholds do the same, and they are fitted"),
+        ("nd_error", Leak(), "no filter was in the light"),
+        ("low_frequency_noise", HighPass(), "beside what the model has it is simulated sample by sample, for hours"),
+    ],
+)
+def test_why_an_effect_is_not_looked_for_is_said(effect_id: str, has: Effect, reason: str) -> None:
+    assert why_not(effects()[effect_id], PixelModel() + has, []) == reason
+    assert why_not(effects()["dark_current"], PixelModel() + has, []) is None

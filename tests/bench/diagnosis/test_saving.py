@@ -70,6 +70,21 @@ def test_what_is_no_diagnosis_is_one_line(text: str, why: str, tmp_path: Path) -
     assert why in str(caught.value)
 
 
+def test_what_an_earlier_diagnosis_left_is_not_taken_for_this_one(explained: Outcome, tmp_path: Path) -> None:
+    for name in ("residuals.csv", "by_axis.csv"):
+        (tmp_path / name).write_text("of another diagnosis")
+    save_outcome(explained, tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"diagnosis.json", "model.yaml"}
+    save_outcome(replace(explained, steps=(), model=None, verdict="data_not_fit_to_judge"), tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"diagnosis.json"}
+
+
+def test_a_search_that_was_stopped_is_read_as_one(explained: Outcome, tmp_path: Path) -> None:
+    for stopped in (True, False):
+        save_outcome(replace(explained, verdict="unexplained", stopped=stopped), tmp_path)
+        assert read_outcome(tmp_path / "diagnosis.json").stopped is stopped
+
+
 def test_a_file_that_cannot_be_written_leaves_the_old_one(
     explained: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -85,6 +85,11 @@ def test_every_verdict_is_one_sentence(explained: Outcome) -> None:
     )
     none = replace(explained, verdict="unexplained", missing=(), steps=explained.steps[:1])
     assert verdict_line(none) == "verdict: unexplained. No known effect explains the error of 41.7."
+    assert verdict_line(replace(none, stopped=True)) == (
+        "verdict: unexplained so far. The error is 41.7; the search was stopped before all that is known was tried."
+    )
+    stopped = verdict_line(replace(explained, verdict="unexplained", missing=(), stopped=True))
+    assert "so far. With dark_current the error fell from 41.7 to 1.06; the search was stopped" in stopped
     two = replace(explained, missing=("dark_current", "leak"))
     assert "2 effects were missing, dark_current (or stray_light) and leak." in verdict_line(two)
 

@@ -49,7 +49,7 @@ def packed(text: bytes, version: int = 1) -> bytes:
         (SEALED[:100] + bytes([SEALED[100] ^ 1]) + SEALED[101:], "is damaged"),
         (seal(WORLD)[:-20], "is damaged"),
         (packed(b"no JSON"), "is damaged"),
-        (packed(json.dumps({"leak": 0.123}).encode()), "holds no world that this version reads"),
+        (packed(json.dumps({"leak": 0.123}).encode()), "holds no station that this version reads"),
         (packed(b'"' + bytes(1 << 21) + b'"'), "is damaged"),
     ],
 )
