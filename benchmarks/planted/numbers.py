@@ -14,7 +14,7 @@ from benchmarks.planted.sizes import ALIKE
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["Bin", "Claim", "Tried", "claims", "confusion", "coverage", "detection", "group_size", "tried"]
+__all__ = ["Bin", "Claim", "Tried", "claims", "confusion", "coverage", "detection", "group_size", "is_strange", "tried"]
 
 #: Standard errors from which on an effect is to be found.
 SEEN: Final = 5.0
@@ -86,7 +86,7 @@ def claims(cases: Sequence[Tried]) -> list[Claim]:
     single = [c for c in cases if c.kind == "single" and c.smallest >= SEEN]
     several = [c for c in cases if c.kind == "several" and c.smallest >= SEEN]
     none = [c for c in cases if c.kind == "none"]
-    outside = [c for c in cases if c.kind == "outside" and c.smallest >= SEEN and _is_strange(c)]
+    outside = [c for c in cases if c.kind == "outside" and c.smallest >= SEEN and is_strange(c)]
     explained = [c for c in cases if c.score.verdict == "explained"]
     stepped = [c for c in cases if len(c.score.unseen) > 1]
     intervals = [mark for marks in coverage(cases).values() for mark in marks]
@@ -115,7 +115,7 @@ def claims(cases: Sequence[Tried]) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _is_strange(case: Tried) -> bool:
+def is_strange(case: Tried) -> bool:
     """Return whether no effect of the catalogue mimics what was planted."""
     return case.beyond_mimic is not None and case.beyond_mimic >= ALIKE
 

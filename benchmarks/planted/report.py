@@ -161,7 +161,7 @@ def _miss(case: Tried) -> Iterator[str]:
         "single": seen and not case.score.first_right,
         "several": seen and not case.score.all_named,
         "none": bool(case.score.groups),
-        "outside": seen and (case.score.false > 0 or not case.score.unexplained),
+        "outside": seen and numbers.is_strange(case) and (case.score.false > 0 or not case.score.unexplained),
     }[case.kind]
     if wrong:
         yield f"| {case.name} | {_planted(case)} | {_named(case)} | {case.score.verdict} |"
