@@ -14,7 +14,18 @@ from benchmarks.planted.sizes import ALIKE
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["Bin", "Claim", "Tried", "claims", "confusion", "coverage", "detection", "group_size", "is_strange", "tried"]
+__all__ = [
+    "Bin",
+    "Claim",
+    "Tried",
+    "claims",
+    "confusion",
+    "coverage",
+    "detection",
+    "group_size",
+    "is_strange",
+    "tried",
+]
 
 #: Standard errors from which on an effect is to be found.
 SEEN: Final = 5.0
