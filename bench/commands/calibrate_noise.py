@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from bench.commands.common import SEED, json_option, print_json, say
+from bench.commands.common import SEED, effects_option, json_option, print_json, say
 
 if TYPE_CHECKING:
     from bench.models.noise_calibration import NoiseCalibration
@@ -36,6 +36,7 @@ __all__ = ["command"]
               help="From the reset to the counting, s; default is until the rate is the lasting one.")  # fmt: skip
 @click.option("--seed", type=SEED, default=1, show_default=True, help="Another seed, other events.")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for a figure and the numbers.")
+@effects_option
 @json_option
 def command(
     target_hz: float,
