@@ -157,7 +157,9 @@ class Shortlist:
             return
         found = self._with_the_nearest_first(found)
         best = found[0]
+        # The fit of its twin may have been given up early: what that can do is looked at all the same.
         refused = ({f.effect for f in refitted} - {f.effect for f in found}) | state.hopeless
+        refused -= {TWINS.get(best.effect)}
         rivals = [name for name in shortlist if name not in refused] if far_off else ()
         problem = best.beside(self._problem)
         judged = [i for i in range(len(state.scores.probes)) if can_judge(self._problem, state.scores, i)]

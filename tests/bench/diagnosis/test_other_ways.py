@@ -289,3 +289,41 @@ def test_a_person_may_add_another_one_of_a_tie_than_was_proposed() -> None:
     first = state(None, dark.id)
     assert ties_of([first, state(stray.id, None, stray)], [stray.id]) == {stray.id: (dark.id, "leak")}
     assert ties_of([first, state("crosstalk", None, Crosstalk(0.1))], ["crosstalk"]) == {}  # it is not one of the tie
+
+
+@pytest.mark.parametrize(("best", "rivals"), [
+    ("light_drift", ["light_drift", "leak"]),  # whose fit was given up early
+    ("hot_pixels", ["hot_pixels"]),
+])  # fmt: skip
+def test_the_twin_of_the_best_is_looked_at_even_where_its_own_fit_is_refused(
+    monkeypatch: pytest.MonkeyPatch, best: str, rivals: list[str]
+) -> None:
+    asked: list[Any] = []
+
+    def tied_with(_: Any, __: Any, ___: Any, ____: Any, _____: Any, those: Sequence[str], ______: int) -> Any:
+        asked.extend(those)
+        return ("leak",) if "leak" in those else ()
+
+    class Asking(Promising):
+        def __init__(self) -> None:
+            super().__init__([], {})
+            self._seed = 1
+            self._refit = lambda *_: [found(best, 1.0), found("leak", 3.0), found("crosstalk", 9.0)]
+
+        def _without_the_same(self, names: Sequence[str]) -> list[str]:
+            return list(names)
+
+        def _with_the_nearest_first(self, those: Sequence[Any]) -> list[Any]:
+            return list(those)
+
+    monkeypatch.setattr(shortlist, "may_be_added", lambda _, __, one: one.effect == best)
+    monkeypatch.setattr(shortlist, "share", lambda _, __, left: 1.0 - 0.1 * left)
+    monkeypatch.setattr(shortlist, "leaves_little", lambda *_: True)
+    monkeypatch.setattr(shortlist, "tied_with", tied_with)
+    made = Asking()
+    state = made.state()
+    state.hopeless, state.tied = frozenset({"crosstalk"}), ()
+    Shortlist._propose(made, state, [best, "leak", "crosstalk"])
+    assert asked == rivals
+    assert state.proposal == best
+    assert state.tied == tuple(rivals[1:])
