@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 __all__ = ["apart_at", "planned_points"]
 
-#: Points that stand for all of a protocol, and the side of their window: what tells two models apart goes with the
-#: number of points and pixels.
+#: Points that stand for all of a protocol, and the side of their window, if no other is asked for: what tells two
+#: models apart goes with the number of points and pixels.
 _POINTS: Final = 36
 _SIDE: Final = 16
 #: Effort of a simulation, and how often the two models are compared.
@@ -53,7 +53,7 @@ _FARTHEST: Final = 0.3
 
 
 def planned_points(
-    points: Sequence[Point], like: PointData, model: PixelModel, ambient: Ambient | None = None
+    points: Sequence[Point], like: PointData, model: PixelModel, ambient: Ambient | None = None, side: int = _SIDE
 ) -> list[PointData]:
     """Return some points of a protocol as they will have been recorded, without their events.
 
@@ -67,17 +67,18 @@ def planned_points(
         Contrasts are planned in the thresholds that a protocol prescribes: here they are in those of the model.
     ambient
         What keeps stray light out, if not what the protocol says.
+    side
+        Pixels of a side of the window, at the most.
     """
     chosen = [points[i] for i in np.unique(np.linspace(0, len(points) - 1, _POINTS).round().astype(int))]
     return [
-        _planned(replace(p, index=i, preamble=None, ambient=ambient or p.ambient), like, model)
+        _planned(replace(p, index=i, preamble=None, ambient=ambient or p.ambient), like, model, side)
         for i, p in enumerate(chosen)
     ]
 
 
-def _planned(point: Point, like: PointData, model: PixelModel) -> PointData:
-    side = (min(like.roi.width, _SIDE), min(like.roi.height, _SIDE))
-    window = Roi(like.roi.x, like.roi.y, *side)
+def _planned(point: Point, like: PointData, model: PixelModel, side: int) -> PointData:
+    window = Roi(like.roi.x, like.roi.y, min(like.roi.width, side), min(like.roi.height, side))
     seen = replace(point, log_contrast=point.log_contrast * _of_threshold(point, model))
     return replace(planned_point(seen, window, like.refractory_s), temperature_c=like.temperature_c, bias=like.bias)
 

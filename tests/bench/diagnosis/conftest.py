@@ -44,6 +44,7 @@ class Memory:
 
     taken: tuple[PointData, ...]
     header: RunHeader = field(default_factory=lambda: RunHeader("made", SENSOR, ROI))
+    folder: Path = Path("made")
 
     def points(self) -> Iterator[PointData]:
         yield from self.taken

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,6 +100,12 @@ def test_runs_that_cannot_be_explained_together_are_refused(
     point: Callable[..., Any], run_of: Callable[..., Any]
 ) -> None:
     with pytest.raises(InputError, match="has no points"), open_session([run_of([], PIXEL, 1)]):
+        pass
+    one = run_of([point(0, 0.3)], PIXEL, 1)
+    header = replace(one.header, sensor=replace(one.header.sensor, quantum_efficiency=0.5))
+    other = replace(one, header=header, folder=Path("other"))
+    unlike = r"other: another sensor than that of made \(quantum_efficiency 0\.5 and 0\.6\)"
+    with pytest.raises(InputError, match=unlike), open_session([one, other]):
         pass
     large = point(0, 0.0, roi=Roi(0, 0, 100, 100))
     limited = PIXEL + EventRateLimit(max_rate_eps=1e6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from bench.diagnosis.searching import next_measurement as module
 from bench.diagnosis.searching.next_measurement import next_measurement, protocol_for
 from protocols import load_protocol
+from protocols.points import Roi
 from sim_backend.pixel.effects.registry import effects
 
 if TYPE_CHECKING:
@@ -59,6 +61,34 @@ def test_what_is_known_to_help_is_proposed_if_it_does(
     assert tried == [protocol]
     assert (found["protocol"], found["separates"], found["separation"]) == (protocol, list(group), 17.0)
     assert found["minutes"] == pytest.approx(load_protocol(protocol).protocol.estimate().duration_s / 60.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("few", "many", "sides", "expected"),
+    [(30.0, 32.0, [8], 30.0), (9.0, 12.0, [8, 16], 12.0), (0.0, 1.0, [8, 16], 1.0)],
+)
+def test_more_pixels_are_simulated_where_a_few_do_not_tell(
+    monkeypatch: pytest.MonkeyPatch, few: float, many: float, sides: list[int], expected: float
+) -> None:
+    """Of each there are as many as in the run."""
+    like = SimpleNamespace(roi=Roi(0, 0, 32, 32))
+    asked: list[int] = []
+
+    def planned_points(planned: Any, _: Any, __: Any, ___: Any, side: int) -> list[Any]:
+        asked.append(side)
+        return [SimpleNamespace(roi=Roi(0, 0, side, side))] * len(planned)
+
+    def apart_at(_: Any, __: Any, ___: Any, points: Sequence[Any], of_all: float, ____: int) -> float:
+        assert of_all == pytest.approx(1024 / points[0].roi.pixels)
+        return few if points[0].roi.width == 8 else many
+
+    monkeypatch.setattr(module, "planned_points", planned_points)
+    monkeypatch.setattr(module, "apart_at", apart_at)
+    problem: Any = SimpleNamespace(points=[like])
+    fit: Any = SimpleNamespace(model=None)
+    monkeypatch.setattr(module, "are_the_same", lambda *_: False)
+    assert module._separation(problem, fit, ("leak", "light_drift"), [NOTHING], "quick_look", 1) == expected
+    assert asked == sides
 
 
 def test_where_nothing_is_known_the_first_that_is_enough_is_proposed(apart: Callable[..., list[str]]) -> None:
