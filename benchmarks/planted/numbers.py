@@ -31,7 +31,7 @@ __all__ = [
 SEEN: Final = 5.0
 NOTHING: Final = "(nothing)"
 UNEXPLAINED: Final = "(unexplained)"
-_EDGES: Final = (0.0, 1.5, 3.0, 5.0, 10.0, 30.0, 100.0, 1000.0, math.inf)
+_EDGES: Final = (0.0, 1.5, 5.0, 10.0, 30.0, 100.0, 1000.0, math.inf)
 
 
 @dataclass(frozen=True, slots=True)
