@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from bench.commands.common import (
     effects_option,
@@ -30,15 +31,13 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
-_MOST = 3
-
 
 @click.command(name="diagnose")
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
 @fit_options
 @click.option(
-    "--max-effects", type=click.IntRange(0), metavar="N",
-    help="Effects that are added at the most; default is 3. With --interactive you say it.",
+    "--max-effects", type=click.IntRange(0), default=3, show_default=True, metavar="N",
+    help="Effects that are added at the most; with --interactive you say it.",
 )  # fmt: skip
 @click.option("--interactive", "by_hand", is_flag=True, help="Ask after each step which effect is to be added.")
 @effects_option
@@ -50,7 +49,7 @@ def command(
     seed: int,
     workers: int,
     whole: bool,
-    max_effects: int | None,
+    max_effects: int,
     by_hand: bool,
     out: Path | None,
     as_json: bool,
@@ -70,7 +69,7 @@ def command(
     from bench.logs import LOG_FILE, log_into
     from bench.report.diagnosis import PAGE
 
-    if by_hand and max_effects is not None:
+    if by_hand and click.get_current_context().get_parameter_source("max_effects") is not ParameterSource.DEFAULT:
         raise click.UsageError("--max-effects says nothing with --interactive; expected one of the two")
     model = model_of(model_file)
     opened = open_runs(runs)
@@ -81,11 +80,7 @@ def command(
         with Diagnosis(
             opened, model, seed=seed, tell=tell, workforce=processes(workers), whole=whole
         ) as diagnosis:  # fmt: skip
-            outcome = (
-                _by_hand(diagnosis, tell, show)
-                if by_hand
-                else diagnosis.run(_MOST if max_effects is None else max_effects)
-            )
+            outcome = _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
             residuals = residuals_by_step(diagnosis.problem, diagnosis.fits) if outcome.steps else {}
         tell("drawing the figures")
         _save(outcome, residuals, folder)

@@ -216,7 +216,7 @@ class Diagnosis:
             remainder=remainder_of(self.problem, states[-1]) if states and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
             shortened=self.shortened,
-            stopped=verdict == "unexplained" and _asks_for_more(states[-1]),
+            stopped=verdict == "unexplained" and _might_go_on(states[-1]),
         )
 
     def _next_measurement(self, last: Fit | None, ties: dict[str, tuple[str, ...]]) -> dict[str, Any] | None:
@@ -233,9 +233,9 @@ class Diagnosis:
         added: set[str] = set()
         while len(self._all()) <= most:
             proposal = self.proposal
-            if proposal in added:
-                self._states[-1].proposal = None
-            if proposal is None or proposal in added:
+            if proposal in added:  # it was taken out
+                proposal = self._states[-1].proposal = None
+            if proposal is None:
                 break
             added.add(proposal)
             self.add(proposal)
@@ -365,6 +365,6 @@ class Diagnosis:
         return step_with_candidates(self.problem, self._states[-1], len(self._states) - 1)
 
 
-def _asks_for_more(state: State) -> bool:
+def _might_go_on(state: State) -> bool:
     """Return whether something was to be added, or may have been: nobody has looked."""
     return not state.chosen or state.proposal is not None

@@ -13,7 +13,7 @@ import pytest
 from bench.diagnosis.comparison import Residual
 from bench.diagnosis.result import Candidate, Error, Misfit, Outcome, Step, Value
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import DarkCurrent
+from sim_backend.pixel.effects import DarkCurrent, forget_effect_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -32,6 +32,36 @@ def cluster_address() -> Iterator[str]:
     # Over one item two workers may be lost; dask's default is three.
     with dask.config.set({"distributed.scheduler.allowed-failures": 2}), LocalCluster(**options) as cluster:
         yield cluster.scheduler_address
+
+
+#: An effect as a user writes it.
+DIMMER = """\
+from dataclasses import dataclass
+
+from sim_backend.pixel.effects import Effect
+from sim_backend.pixel.parameters import parameter
+
+
+@dataclass(frozen=True, slots=True)
+class Dimmer(Effect):
+    id = "dimmer"
+    stage = "light"
+    sign = "everything is as under less light"
+
+    share: float = parameter("1", (0.0, 1.0), 0.5, 0.0, "light that is lost")
+
+    def light(self, lux, t_s):
+        return lux * (1.0 - self.share)
+"""
+
+
+@pytest.fixture
+def dimmer_file(tmp_path: Path) -> Iterator[Path]:
+    """Return a file with an effect of a user, `dimmer`, that nothing has loaded; what loads it is undone."""
+    file = tmp_path / "dimmer.py"
+    file.write_text(DIMMER)
+    yield file
+    forget_effect_files()
 
 
 LEVELS_LUX = (0.08, 0.3, 1.0, 10.0, 100.0)

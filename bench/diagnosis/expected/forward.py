@@ -106,7 +106,7 @@ class _Taken:
         self._engine = engine_of(task.dt_s)
         self._seed = recording_seed(task.seed, number, 0)
         self._chains: dict[Hashable, Chain] = {}  # points at one setting have the same pixels
-        self._before = {id(model): before_readout(model) for model in models}
+        self._before = {key: before_readout(m) for key, m in {id(m): m for m in models}.items()}  # there are few
         self._events: dict[int, list[npt.NDArray[np.void]]] = {}  # of laws whose points are looked at one by one
 
     def is_looked_at(self, index: int) -> bool:

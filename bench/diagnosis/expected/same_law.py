@@ -25,7 +25,7 @@ def representatives(points: Sequence[PointData], models: Sequence[PixelModel]) -
     whose light differs by a factor, with everything else equal, are the same to it.
     """
     first: dict[Hashable, int] = {}
-    pixels = {id(m): _pixels(m) for m in models}  # there are few models, and many points
+    pixels = {key: _pixels(m) for key, m in {id(m): m for m in models}.items()}  # there are few, and many points
     laws = [(pixels[id(m)], _seen(p)) for p, m in zip(points, models, strict=True)]
     return [first.setdefault(i if None in law else law, i) for i, law in enumerate(laws)]
 

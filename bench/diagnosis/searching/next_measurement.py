@@ -39,7 +39,7 @@ _OTHERS: Final = ("quick_look", "background_activity", "pulse_width", "on_family
 _ENOUGH: Final = 5.0
 _NO_HELP: Final = 2.0
 #: Sides of the window that is simulated. What a few pixels tell apart, mostly by far, more do too; a protocol takes
-#: many times as long as a small run.
+#: many times as long as a small run. So the larger one is only asked where this is less than so many times enough.
 _SIDES: Final = (8, 16)
 _SURELY: Final = 2.0
 

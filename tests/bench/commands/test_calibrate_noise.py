@@ -8,34 +8,16 @@ from typing import TYPE_CHECKING, Any
 from click.testing import CliRunner
 
 from bench.commands.calibrate_noise import command
-from sim_backend.pixel.effects.registry import forget_effect_files
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     import pytest
 
-OWN = """from dataclasses import dataclass
 
-from sim_backend.pixel.effects import Effect
-from sim_backend.pixel.parameters import parameter
-
-
-@dataclass(frozen=True, slots=True)
-class Dimmer(Effect):
-    id = "dimmer"
-    stage = "light"
-    sign = "everything is as under less light"
-
-    share: float = parameter("1", (0.0, 1.0), 0.5, 0.0, "light that is lost")
-
-    def light(self, lux, t_s):
-        return lux * (1.0 - self.share)
-"""
-
-
-def test_a_model_with_an_effect_of_ones_own_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "own.py").write_text(OWN)
+def test_a_model_with_an_effect_of_ones_own_is_taken(
+    dimmer_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "model.yaml").write_text("format: evs-bench-model/1\neffects: {dimmer: {share: 0.2}}\n")
     asked: list[Any] = []
 
@@ -47,9 +29,6 @@ def test_a_model_with_an_effect_of_ones_own_is_taken(tmp_path: Path, monkeypatch
     arguments = ["--target-hz", "0.1", "--lux", "1", "--json", "--model", str(tmp_path / "model.yaml")]
     refused = CliRunner().invoke(command, arguments)
     assert "--effects" in str(refused.exception)
-    try:
-        done = CliRunner().invoke(command, [*arguments, "--effects", str(tmp_path / "own.py")])
-    finally:
-        forget_effect_files()
+    done = CliRunner().invoke(command, [*arguments, "--effects", str(dimmer_file)])
     assert done.exit_code == 0, done.exception
     assert asked[0].effect("dimmer").share == 0.2

@@ -13,35 +13,12 @@ from bench.diagnosis.workers import processes
 from sim_backend.pixel.effects.registry import effects, forget_effect_files, load_effect_files
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
-
-DIMMER = """from dataclasses import dataclass, replace
-
-from sim_backend.pixel.effects import Effect
-from sim_backend.pixel.parameters import parameter
-
-
-@dataclass(frozen=True, slots=True)
-class Dimmer(Effect):
-    id = "dimmer"
-    stage = "light"
-    sign = "everything is as under less light"
-
-    share: float = parameter("1", (0.0, 1.0), 0.5, 0.0, "light that is lost")
-
-    def apply(self, chain, draws):
-        return replace(chain, gain_fa_per_lux=chain.gain_fa_per_lux * (1.0 - self.share))
-"""
 
 
 @pytest.fixture
-def dimmer(tmp_path: Path) -> Iterator[None]:
-    file = tmp_path / "dimmer.py"
-    file.write_text(DIMMER)
-    load_effect_files([file])
-    yield
-    forget_effect_files()
+def dimmer(dimmer_file: Path) -> None:
+    load_effect_files([dimmer_file])
 
 
 def test_without_files_of_the_user_nothing_is_set_up() -> None:
