@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from bench.challenge.truth import Number, Truth
 
-__all__ = ["Named", "Score", "Scored", "read_diagnosis", "score"]
+__all__ = ["Named", "Score", "Scored", "read_diagnosis", "require_diagnosis_of", "score"]
 
 _FORMAT: Final = "evs-bench-diagnosis/1"
 
@@ -122,6 +122,34 @@ def read_diagnosis(path: Path) -> dict[str, Any]:
     if not isinstance(found.get("steps"), list) or not isinstance(found.get("missing"), list):
         raise InputError(f"{path}: steps or missing are not there; was it written to its end?")
     return found
+
+
+def require_diagnosis_of(runs: Sequence[Path], diagnosis: Mapping[str, Any], path: Path) -> None:
+    """Raise where a diagnosis is one of other runs than these, or of these in another order.
+
+    Parameters
+    ----------
+    runs
+        Folders of runs.
+    path
+        The file of the diagnosis, to be named in an error.
+
+    Raises
+    ------
+    RunError
+        There is no such run.
+    InputError
+        They are not the diagnosed ones.
+    """
+    from bench.store import Run
+
+    named = [Run.open(folder).header.id for folder in runs]
+    told = [str(run) for run in diagnosis.get("runs") or ()]
+    if told != named:
+        raise InputError(
+            f"{path}: is a diagnosis of {', '.join(told) or 'no run'}; expected one of the runs that --run names, "
+            f"in their order: {', '.join(named)}"
+        )
 
 
 def score(truth: Truth, diagnosis: Mapping[str, Any], settings: Sequence[Mapping[str, int]] = ({},)) -> Score:

@@ -62,21 +62,26 @@ def new(
 @click.option("--diagnosis", type=click.Path(path_type=Path),
               help="What `evs-bench diagnose --json` printed, to be held against the truth.")  # fmt: skip
 @click.option("--run", "runs", type=click.Path(path_type=Path), multiple=True,
-              help="A run that was diagnosed; needed where its protocol set biases.")  # fmt: skip
+              help="A run that was diagnosed, once for each; needed where a protocol set biases.")  # fmt: skip
 @json_option
 def reveal(folder: Path, diagnosis: Path | None, runs: tuple[Path, ...], as_json: bool) -> None:
     """Show what the blind station in FOLDER is, and what a diagnosis of it is worth."""
     from bench.challenge.folder import read_truth
-    from bench.challenge.score import read_diagnosis, score
+    from bench.challenge.score import read_diagnosis, require_diagnosis_of, score
     from bench.challenge.truth import biases_of
 
     truth = read_truth(folder)
     settings = biases_of(runs, truth.station)
-    scored = None if diagnosis is None else score(truth, read_diagnosis(diagnosis), settings)
+    scored = None
+    if diagnosis is not None:
+        told = read_diagnosis(diagnosis)
+        if runs:
+            require_diagnosis_of(runs, told, diagnosis)
+        scored = score(truth, told, settings)
     if as_json:
-        told = {"station": truth.station, "truth": truth.to_dict(settings)}
         found = None if scored is None else scored.to_dict()
-        print_json({"format": "evs-bench-challenge-reveal/1", **told, "score": found})
+        head = {"format": "evs-bench-challenge-reveal/1", "station": truth.station}
+        print_json({**head, "truth": truth.to_dict(settings), "score": found})
     elif scored is None:
         _print_effects(truth)
         print_table(("number", "truth", "unit"), [(n.key, f"{n.value:.4g}", n.unit) for n in truth.numbers(settings)])
@@ -84,6 +89,8 @@ def reveal(folder: Path, diagnosis: Path | None, runs: tuple[Path, ...], as_json
         _print_effects(truth)
         _print_score(scored)
     if not runs and not as_json:
+        if scored is not None:
+            say("that the diagnosis is of this station is not seen from it; name its runs in order with --run")
         say("thresholds, corner and dead time are those at the factory biases; "
             "where a protocol set others, name its run with --run")  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from bench import cli
 from bench.analysis import analyze
 from bench.analysis.tables import to_json
 from bench.challenge.folder import make_challenge, read_truth
@@ -180,6 +183,23 @@ def test_the_truth_is_told_at_the_biases_of_a_run(challenge: Path, tmp_path: Pat
     assert at_factory["thresholds.on"] == numbers["thresholds.on@0"]
     with pytest.raises(InputError, match=r"station blind-.*; expected a run that was taken on blind-other"):
         biases_of([run], "blind-other")
+
+
+def test_a_diagnosis_is_held_against_the_truth_with_its_own_runs_only(
+    challenge: Path, run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    told = {"format": "evs-bench-diagnosis/1", "runs": [Run.open(run).header.id], "steps": [], "missing": []}
+    (tmp_path / "own.json").write_text(json.dumps(told))
+    (tmp_path / "other.json").write_text(json.dumps(told | {"runs": ["2026-11-20-other"]}))
+    reveal = ["challenge", "reveal", str(challenge), "--diagnosis"]
+    assert cli.run([*reveal, str(tmp_path / "own.json"), "--run", str(run)]) == 0
+    assert "is not seen" not in capfd.readouterr().err
+    assert cli.run([*reveal, str(tmp_path / "other.json")]) == 0
+    assert "that the diagnosis is of this station is not seen from it" in capfd.readouterr().err
+    assert cli.run([*reveal, str(tmp_path / "other.json"), "--run", str(run)]) == 1
+    out, err = capfd.readouterr()
+    assert not out
+    assert re.search(rf"other.json: is a diagnosis of 2026-11-20-other; expected .* {told['runs'][0]}\n", err)
 
 
 @pytest.mark.parametrize("name", ["challenge", "quick_look", "on_family", "off_family", "pulse_width"])
