@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["ALL_VIEWS", "AXES", "Axis", "Bin", "Place", "by_axis", "first_places", "worst_places"]
+__all__ = ["ALL_VIEWS", "AXES", "UNITS", "Axis", "Bin", "Place", "by_axis", "first_places", "worst_places"]
 
 Axis = Literal[
     "anywhere", "illuminance", "contrast", "pulse width", "polarity", "ND filter", "order", "halves"
@@ -30,6 +30,11 @@ Axis = Literal[
 AXES: Final[tuple[Axis, ...]] = (
     "anywhere", "illuminance", "contrast", "pulse width", "polarity", "ND filter", "order", "halves",
 )  # fmt: skip
+#: In what an axis is numbered.
+UNITS: Final[dict[Axis, str]] = {
+    "anywhere": "", "illuminance": "lux", "contrast": "ln", "pulse width": "s", "polarity": "", "ND filter": "OD",
+    "order": "1", "halves": "",
+}  # fmt: skip
 #: The view of a bin that takes all views together.
 ALL_VIEWS: Final = "all"
 #: More values than this are taken together, in groups of neighbours.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from bench.diagnosis.comparison import Residual
 from bench.diagnosis.result import quality_dict
-from bench.diagnosis.telling.by_axis import Bin, by_axis, worst_places
+from bench.diagnosis.telling.by_axis import UNITS, Bin, by_axis, worst_places
 from bench.diagnosis.telling.reading import BINS_FILE, JSON_FILE
 from bench.plain import json_text
 from bench.store.durable import write_whole
@@ -89,9 +89,13 @@ def save_comparison(comparison: Comparison, content: Mapping[str, Any], folder: 
 
 def _save_residuals(residuals: ResidualsByStep, folder: Path) -> None:
     rows = [{"step": n, **asdict(r)} for n, (mine, _) in residuals.items() for r in mine]
-    bins = [{"step": n, **asdict(b)} for n, (mine, mutual) in residuals.items() for b in by_axis(mine, mutual)]
+    bins = [
+        {"step": n, **asdict(b), "unit": UNITS[b.axis]}
+        for n, (mine, mutual) in residuals.items()
+        for b in by_axis(mine, mutual)
+    ]
     _write(folder / RESIDUALS_FILE, _csv(("step", *(f.name for f in fields(Residual))), rows))
-    _write(folder / BINS_FILE, _csv(("step", *(f.name for f in fields(Bin))), bins))
+    _write(folder / BINS_FILE, _csv(("step", *(f.name for f in fields(Bin)), "unit"), bins))
 
 
 def _csv(head: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:

@@ -42,6 +42,14 @@ def test_what_is_written_is_read(
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * len(residuals_of(1.0))
     assert (rows[0]["view"], rows[0]["baseline_lux"], rows[0]["unit"]) == ("response", "0.08", "1")
+    with (tmp_path / "by_axis.csv").open() as file:
+        units = {row["axis"]: row["unit"] for row in csv.DictReader(file)}
+    assert (units["illuminance"], units["pulse width"], units["contrast"], units["polarity"]) == (
+        "lux",
+        "s",
+        "ln",
+        "",
+    )
 
 
 def test_numbers_that_are_not_finite_are_null_and_come_back_as_unknown(explained: Outcome, tmp_path: Path) -> None:
