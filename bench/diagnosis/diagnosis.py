@@ -15,6 +15,7 @@ from bench.diagnosis.fitting.judging import deviance_beside, deviance_per_dof, i
 from bench.diagnosis.fitting.settling import settled
 from bench.diagnosis.fitting.sharpening import asks_for_more
 from bench.diagnosis.result import Outcome
+from bench.diagnosis.searching.better_place import better_place
 from bench.diagnosis.searching.candidate_table import step_with_candidates
 from bench.diagnosis.searching.detours import other_ways, proposing
 from bench.diagnosis.searching.next_measurement import next_measurement
@@ -236,10 +237,27 @@ class Diagnosis:
             if proposal in added:  # it was taken out
                 proposal = self._states[-1].proposal = None
             if proposal is None:
-                break
+                if not self._moved():
+                    break
+                continue
             added.add(proposal)
             self.add(proposal)
             self._drop()
+
+    def _moved(self) -> bool:
+        """Go on from a better place of the same model, if an effect that it does not need has led to one."""
+        last = self._states[-1]
+        again = better_place(self.problem, last, self._seed + 100 * len(self._states) + 51)
+        if again is None:
+            return False
+        self._say("going on from a better place of the same model")
+        self._states = self._states[:-1]
+        fall = last.fall
+        if self._states:
+            before = self._states[-1].fit
+            fall = share(self.problem, before, deviance_beside(self.problem, again, before))
+        self._states.append(self._look(again, last.added, fall))
+        return True
 
     def _try_others(self, most: int) -> None:
         """Go back to where another effect did nearly as well, and on from there; keep what explains the run, if any.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
@@ -11,6 +12,8 @@ from bench.diagnosis.expected.catalogue import RARE, TWINS, are_the_same
 from bench.diagnosis.fitting.judging import deviance, freedom, is_far_off, loss_left, share
 from bench.diagnosis.searching.likeness import nearer
 from bench.diagnosis.searching.refit import Found
+from bench.diagnosis.searching.screen import score
+from bench.diagnosis.searching.sizing import at_other_sizes
 from bench.diagnosis.searching.state import can_judge, leaves_little, may_be_added
 from bench.diagnosis.searching.ties import tied_with
 
@@ -91,6 +94,8 @@ class Shortlist:
         if state.proposal is None and not self._asked_all:
             self._asked_all = True
             self._propose(state, self._all_others(state), _SURE, _SHORTLIST, _LEFT_SOON)
+        if state.proposal is None:
+            self._propose(state, self._at_other_sizes(state), _SURE)
 
     def _is_foreseen(self, state: State) -> bool:
         """Return whether some effect promises a good part of what is missing: else their order says little."""
@@ -121,6 +126,19 @@ class Shortlist:
         order = [int(i) for i in np.argsort(-scores.drop, kind="stable") if can_judge(self._problem, scores, int(i))]
         names = [scores.probes[i].effect.id for i in order]
         return [name for name in names if name not in state.refitted]
+
+    def _at_other_sizes(self, state: State) -> list[str]:
+        """Return the effects that promise something once they are probed at other sizes; they are refitted again."""
+        problem, fit = self._problem, state.fit
+        probes = at_other_sizes(problem, fit, state.scores.probes, self._seed + 87)
+        moved = {new.effect.id for old, new in zip(state.scores.probes, probes, strict=True) if new is not old}
+        again = replace(state, scores=score(problem, fit, probes, self._seed, far_off=True))
+        names = [name for name in self._promising(again) if name in moved][: _SHORTLISTS * _SHORTLIST]
+        if names:
+            state.scores = again.scores
+        state.refitted = {name: found for name, found in state.refitted.items() if name not in names}
+        state.hopeless -= set(names)
+        return names
 
     def _with_twins(self, state: State, names: Sequence[str]) -> list[str]:
         known = {one.effect.id for one in state.scores.probes} - state.refitted.keys()

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["probe"]
+__all__ = ["at_other_sizes", "probe"]
 
 #: Effort of a probe where the model is far off, and where what may be missing is small: with much less a mismatch of
 #: the dead time, which is large, promised nothing.
@@ -59,6 +59,8 @@ _ENOUGH: Final = 0.1
 _CLOSER: Final = 8
 _WORTH_ASKING: Final = 2.0
 _CLOSER_EFFORT: Final = 2.0
+#: Sizes at which what promises nothing is probed again, beside those at which it was.
+_OTHERWISE: Final = (0.1, 0.3, 3.0)
 
 
 def probe(
@@ -144,6 +146,36 @@ def _of_either_sign(problem: Problem, fit: Fit, probes: Sequence[Probe], seed: i
         falls = _expected(problem, fit, [found[i], other])[1]
         found[i] = other if falls[1] > falls[0] else found[i]
     return found
+
+
+def at_other_sizes(problem: Problem, fit: Fit, probes: Sequence[Probe], seed: int) -> list[Probe]:
+    """Return each probe, or one of another size that is expected to explain more.
+
+    A queue of events that is gross at the size of a probe lets expect nothing of the one that is there, at a tenth of
+    it; and nothing shows of a drift as long as it does not reach the threshold within a recording.
+    """
+    tried = [(i, factor) for i, one in enumerate(probes) for factor in _factors(one)]
+    looked_at = [probes[i] for i, _ in tried]
+    factors = [np.full(len(one.at), factor) for one, (_, factor) in zip(looked_at, tried, strict=True)]
+    others = closer(problem, fit, looked_at, factors, seed, _FAR_EFFORT)
+    falls = _expected(problem, fit, [*probes, *others])[1]
+    best = list(range(len(probes)))
+    for k, (i, _) in enumerate(tried, len(probes)):
+        best[i] = k if falls[k] > falls[best[i]] else best[i]
+    every = [*probes, *others]
+    return [every[k] for k in best]
+
+
+def _factors(one: Probe) -> tuple[float, ...]:
+    """Return at which other sizes a probe is tried, with either sign where its numbers have either."""
+    least = [least_size(one.effect, 0.0) * free.coordinate(free.probe) for free in one.free]
+    most = [max(abs(end) for end in free.range) for free in one.free]
+    sizes = [
+        factor for factor in _OTHERWISE
+        if all(low <= factor * abs(at) <= high for low, at, high in zip(least, one.at, most, strict=True))
+    ]  # fmt: skip
+    signed = all(free.range[0] < 0.0 for free in one.free)
+    return (*sizes, *(-factor for factor in sizes)) if signed else tuple(sizes)
 
 
 def _other_size(one: Probe, share: Floats) -> Floats:

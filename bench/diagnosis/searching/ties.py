@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.expected.catalogue import are_the_same
+from bench.diagnosis.expected.catalogue import TWINS, are_the_same
 from bench.diagnosis.searching.likeness import TIED, closest, separation
 
 if TYPE_CHECKING:
@@ -66,6 +66,9 @@ def tied_with(
             apart = separation(problem, best, known[effect.id], seed) if alike else math.inf
             if apart >= TIED:
                 apart = closest(problem, best, effect, seed)
+            # From one side a fit that has not come all the way looks different, from the other it may not.
+            if apart >= TIED and alike and TWINS.get(best.effect) == effect.id:
+                apart = closest(problem, known[effect.id], scores.probes[number].effect, seed)
         elif rivals or scores.drop[i] < _AS_WELL * scores.drop[number]:
             continue
         else:

@@ -13,6 +13,7 @@ from bench.diagnosis import diagnosis
 from bench.diagnosis.diagnosis import Diagnosis
 from bench.diagnosis.searching import detours, refit, shortlist
 from bench.diagnosis.searching.shortlist import Shortlist
+from bench.diagnosis.searching.state import State
 from bench.diagnosis.searching.verdict import ties_of
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, StrayLight
@@ -175,6 +176,7 @@ class Promising(Shortlist):
         self.promised, self.shares = promised, shares
         self.asked: list[tuple[list[str], float]] = []
         self.fitted_to_the_end: list[int | None] = []
+        self.at_another_size: list[str] = []
         self._asked_all = False
         self.foreseen = True
         self._session = SimpleNamespace(problem=None)  # type: ignore[assignment]
@@ -189,6 +191,9 @@ class Promising(Shortlist):
 
     def _is_foreseen(self, _: Any) -> bool:
         return self.foreseen
+
+    def _at_other_sizes(self, _: Any) -> list[str]:
+        return self.at_another_size
 
     def _propose(
         self, state: Any, shortlist: Sequence[str], worth: float = 0.15, most: int | None = None,
@@ -211,7 +216,40 @@ def test_where_nothing_promises_anything_all_are_asked_and_have_to_explain_most(
     again = made.state()  # once is enough
     made.choose(again)
     assert again.proposal is None
-    assert len(made.asked) == 3
+    assert made.asked[2:] == [(["high_pass"], 0.15), ([], 0.75)]
+
+
+def test_what_promises_something_at_another_size_has_to_explain_most() -> None:
+    made = Promising([], {"readout_saturation": 0.8, "crosstalk": 0.1})
+    made._asked_all = True
+    made.at_another_size = ["crosstalk", "readout_saturation"]
+    state = made.state()
+    made.choose(state)
+    assert made.asked == [(["crosstalk", "readout_saturation"], 0.75)]
+    assert state.proposal == "readout_saturation"
+
+
+@pytest.mark.parametrize("promises", [True, False])
+def test_what_moved_to_another_size_is_fitted_again(monkeypatch: pytest.MonkeyPatch, promises: bool) -> None:
+    """By hand: the queue promises something at another size, or does not; the leak had the right one."""
+    old = [SimpleNamespace(effect=SimpleNamespace(id=name)) for name in ("readout_saturation", "leak")]
+    new = [SimpleNamespace(effect=SimpleNamespace(id="readout_saturation")), old[1]]
+    monkeypatch.setattr(shortlist, "at_other_sizes", lambda *_: new)
+    monkeypatch.setattr(shortlist, "score", lambda _, __, probes, *___, **____: SimpleNamespace(probes=probes))
+    made = Promising(["leak", "readout_saturation"] if promises else [], {})
+    made._seed = 1
+    known: Any = {"leak": found("leak", 3.0), "readout_saturation": found("readout_saturation", 9.0)}
+    scores: Any = SimpleNamespace(probes=old)
+    nothing: Any = None
+    state: Any = State(fit=nothing, scores=scores, added=None, fall=0.0, problem=nothing, refitted=dict(known))
+    state.hopeless = frozenset({"readout_saturation", "crosstalk"})
+    names = Shortlist._at_other_sizes(made, state)
+    assert names == (["readout_saturation"] if promises else [])
+    assert state.scores.probes == (new if promises else old)
+    assert state.refitted == ({"leak": known["leak"]} if promises else known)
+    assert state.hopeless == (
+        frozenset({"crosstalk"}) if promises else frozenset({"readout_saturation", "crosstalk"})
+    )
 
 
 @pytest.mark.parametrize("foreseen", [True, False])

@@ -140,3 +140,41 @@ def test_an_effect_of_either_sign_is_probed_in_the_one_that_explains_more(
     assert np.sign(one.at[0]) == sign
     expected = explain(fit, fit.jacobian[0], fit.residual, one)[1][0]
     assert expected == pytest.approx(sign * 0.25 * switches(drift)[0].probe, rel=0.02)
+
+
+def test_what_is_gross_at_one_size_promises_something_at_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By hand: a queue does one thing as long as it is short, and another that hides it where it is long."""
+    short, long = np.where(np.arange(N) % 2, 10.0, 0.0), np.where(np.arange(N) % 2, 0.0, 10.0)
+
+    def probes_at(_: Any, __: Any, wanted: Sequence[tuple[type[Effect], Sequence[float]]], *___: Any) -> list[Probe]:
+        found = []
+        for effect, (size,) in wanted:
+            (free,) = switches(effect)
+            change = np.stack([(short * size + (long * size if size > 0.2 else 0.0))[:, None]] * 2)
+            found.append(Probe(effect, (free,), (free.coordinate(free.probe) * size,), change))
+        return found
+
+    monkeypatch.setattr(probing, "probes_at", probes_at)
+    (gross,) = probes_at(None, None, [(LEAK, (1.0,))])
+    fit = fit_with(0.1 * short)
+    (one,) = sizing.at_other_sizes(PROBLEM, fit, [gross], 1)
+    assert one.at[0] == pytest.approx(0.1 * switches(LEAK)[0].probe)
+    assert explain(fit, fit.jacobian[0], fit.residual, one)[1][0] == pytest.approx(one.at[0], rel=0.02)
+    fit = fit_with(short + long)
+    (one,) = sizing.at_other_sizes(PROBLEM, fit, [gross], 1)
+    assert one is gross
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "sizes"),
+    [
+        ("leak", 1.0, (0.1, 0.3, 3.0)),
+        ("light_drift", 1.0, (0.1, 0.3, 3.0, -0.1, -0.3, -3.0)),
+        ("light_drift", 10.0, (0.1, 0.3, -0.1, -0.3)),  # 0.9 by the second is beyond what is believed
+        ("hot_pixels", 1.0, (3.0,)),  # of a smaller share there may be none
+    ],
+)
+def test_other_sizes_are_within_bounds(name: str, at: float, sizes: tuple[float, ...]) -> None:
+    effect = effects()[name]
+    numbers = tuple(free.coordinate(free.probe) * at for free in switches(effect))
+    assert sizing._factors(Probe(effect, switches(effect), numbers, np.zeros((2, 1, len(numbers))))) == sizes
