@@ -37,6 +37,9 @@ class Wavering(Diagnosis):
     def _drop(self) -> None:
         self._states = [self._states[0], self._states[-1]]
 
+    def _moved(self) -> bool:
+        return False
+
 
 def test_what_was_taken_out_does_not_come_back() -> None:
     made = Wavering(["leak", "dark_current", "leak", "dark_current", "leak"])
