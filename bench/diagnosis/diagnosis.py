@@ -252,11 +252,7 @@ class Diagnosis:
             return False
         self._say("going on from a better place of the same model")
         self._states = self._states[:-1]
-        fall = last.fall
-        if self._states:
-            before = self._states[-1].fit
-            fall = share(self.problem, before, deviance_beside(self.problem, again, before))
-        self._states.append(self._look(again, last.added, fall))
+        self._look_again(again, last.added)
         return True
 
     def _try_others(self, most: int) -> None:
@@ -293,6 +289,14 @@ class Diagnosis:
         fall = share(self.problem, before.fit, found.deviance)
         self._session.problem = found.beside(self.problem)
         return self._look(found.fit, found.effect, fall, in_phase=found.phases is not None)
+
+    def _look_again(self, again: Fit, added: str | None) -> None:
+        """Look at a model that was fitted again, behind the states that are left."""
+        fall = 0.0
+        if self._states:
+            before = self._states[-1].fit
+            fall = share(self.problem, before, deviance_beside(self.problem, again, before))
+        self._states.append(self._look(again, added, fall))
 
     def _look(self, fitted: Fit, added: str | None, fall: float, in_phase: bool = False) -> State:
         number = len(self._states)
@@ -374,10 +378,7 @@ class Diagnosis:
             name, again = found
             self._say(f"taking out {name}")
             self._states = [s for s in self._states[:-1] if s.added != name]
-            before = self._states[-1]
-            left = deviance_beside(self.problem, again, before.fit)
-            fall = share(self.problem, before.fit, left)
-            self._states.append(self._look(again, last.added, fall))
+            self._look_again(again, last.added)
 
     def _last_step(self) -> Step:
         return step_with_candidates(self.problem, self._states[-1], len(self._states) - 1)
