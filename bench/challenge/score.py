@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bench.challenge.truth import Number, Truth
+    from bench.store import Run
 
 __all__ = ["Named", "Score", "Scored", "read_diagnosis", "require_diagnosis_of", "score"]
 
@@ -124,26 +125,20 @@ def read_diagnosis(path: Path) -> dict[str, Any]:
     return found
 
 
-def require_diagnosis_of(runs: Sequence[Path], diagnosis: Mapping[str, Any], path: Path) -> None:
+def require_diagnosis_of(runs: Sequence[Run], diagnosis: Mapping[str, Any], path: Path) -> None:
     """Raise where a diagnosis is one of other runs than these, or of these in another order.
 
     Parameters
     ----------
-    runs
-        Folders of runs.
     path
         The file of the diagnosis, to be named in an error.
 
     Raises
     ------
-    RunError
-        There is no such run.
     InputError
         They are not the diagnosed ones.
     """
-    from bench.store import Run
-
-    named = [Run.open(folder).header.id for folder in runs]
+    named = [run.header.id for run in runs]
     told = [str(run) for run in diagnosis.get("runs") or ()]
     if told != named:
         raise InputError(

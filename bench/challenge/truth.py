@@ -10,10 +10,10 @@ from bench.station.assembly import bias_map_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from bench.station.bias_map import BiasMap
     from bench.station.schema import WorldSection
+    from bench.store import Run
 
 __all__ = ["Number", "Truth", "biases_of"]
 
@@ -78,26 +78,22 @@ class Truth:
         return {"effects": list(self.effects), "parameters": numbers}
 
 
-def biases_of(runs: Sequence[Path], station: str) -> list[dict[str, int]]:
+def biases_of(runs: Sequence[Run], station: str) -> list[dict[str, int]]:
     """Return the different bias offsets of the points of runs, in the order in which a diagnosis numbers them.
 
     Raises
     ------
-    RunError
-        There is no run.
     InputError
         A run was taken on another station.
     """
-    from bench.store import Run
     from protocols.errors import InputError
 
     found: list[dict[str, int]] = []
-    for folder in runs:
-        run = Run.open(folder)
+    for run in runs:
         taken_on = (run.header.everything.get("station") or {}).get("name")
         if taken_on != station:
             where = "names no station" if taken_on is None else f"was taken on station {taken_on}"
-            raise InputError(f"{folder}: {where}; expected a run that was taken on {station}")
+            raise InputError(f"{run.folder}: {where}; expected a run that was taken on {station}")
         for point in run.points():
             offsets = {name: round(value) for name, value in point.bias.items()}
             if offsets not in found:

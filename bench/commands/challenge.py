@@ -69,14 +69,16 @@ def reveal(folder: Path, diagnosis: Path | None, runs: tuple[Path, ...], as_json
     from bench.challenge.folder import read_truth
     from bench.challenge.score import read_diagnosis, require_diagnosis_of, score
     from bench.challenge.truth import biases_of
+    from bench.store import Run
 
     truth = read_truth(folder)
-    settings = biases_of(runs, truth.station)
+    taken = [Run.open(run) for run in runs]
+    settings = biases_of(taken, truth.station)
     scored = None
     if diagnosis is not None:
         told = read_diagnosis(diagnosis)
-        if runs:
-            require_diagnosis_of(runs, told, diagnosis)
+        if taken:
+            require_diagnosis_of(taken, told, diagnosis)
         scored = score(truth, told, settings)
     if as_json:
         found = None if scored is None else scored.to_dict()

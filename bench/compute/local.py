@@ -27,6 +27,7 @@ __all__ = ["THREADS", "InProcess", "LocalExecutor"]
 
 #: Environment variable with the number of threads of the simulation in a process.
 THREADS: Final = "EVS_BENCH_THREADS"
+_ALGEBRA: Final = "OPENBLAS_NUM_THREADS"
 _HELLO: Final = b"ready"
 _PATIENCE_S: Final = 5.0  #: for a worker that was asked to end
 
@@ -152,7 +153,7 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, threads), daemon=True)
-        with _without_interrupts():
+        with _without_interrupts(), _one_thread_of_algebra():
             self._process.start()
         theirs.close()
         self.ready = False  #: it has said hello
@@ -210,6 +211,22 @@ def _without_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def _one_thread_of_algebra() -> Iterator[None]:
+    """Have a process that begins here load the linear algebra with one thread, unless the user set another number.
+
+    Its own threads beside those of other workers wait for each other: a diagnosis took ten times as long.
+    """
+    if _ALGEBRA in os.environ:
+        yield
+        return
+    os.environ[_ALGEBRA] = "1"
+    try:
+        yield
+    finally:
+        del os.environ[_ALGEBRA]
 
 
 def _processors() -> int:

@@ -44,6 +44,11 @@ class Free:
         """Its name in results."""
         return f"{self.owner}.{self.name}"
 
+    @property
+    def signed(self) -> bool:
+        """Whether it has either sign, and null lies inside its range rather than at its end."""
+        return self.lowest < 0.0
+
     def coordinate(self, value: float) -> float:
         """Return the coordinate of a value."""
         if self.scale == "log":

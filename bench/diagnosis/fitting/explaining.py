@@ -51,7 +51,7 @@ def explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> E
     if one is not None:
         m = len(one.free)
         columns = np.concatenate([columns, one.change.mean(axis=0)], axis=1)
-        signed = np.array([f.range[0] < 0.0 for f in one.free])
+        signed = np.array([f.signed for f in one.free])
         lowest = np.append(lowest, np.where(signed, -BEYOND, 0.0))
         highest = np.append(highest, np.full(m, BEYOND))
         precision, towards = np.append(precision, np.zeros(m)), np.append(towards, np.zeros(m))

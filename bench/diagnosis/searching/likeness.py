@@ -133,7 +133,7 @@ class _Place:
 
         It follows from no effect and one at about that size; None where that size is farther away.
         """
-        signs = (1.0, -1.0) if all(f.range[0] < 0.0 for f in switches(self._other)) else (1.0,)
+        signs = (1.0, -1.0) if all(f.signed for f in switches(self._other)) else (1.0,)
         tried = [sign * f for f in _SIZES for sign in signs]
         looks = self.apart(tried, seed, _ROUGH, _TWICE)
         size = tried[int(np.argmin([product(look, look) for look in looks]))]

@@ -74,7 +74,7 @@ def entrant(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_
     shapes = [f for f in free_of(one.effect) if f not in one.free]
     for free, at, expected in zip(one.free, one.at, scores.size[i], strict=True):
         # From null itself no fit finds its way when the number has one sign only.
-        start = expected if free.range[0] < 0.0 and expected != 0.0 else max(expected, 0.1 * at)
+        start = expected if free.signed and expected != 0.0 else max(expected, 0.1 * at)
         coordinates.append(float(start))
         values[free.name] = free.value(float(start))
     for free in shapes:
@@ -244,7 +244,7 @@ def _beside(problem: Problem, one: Approach, best: Approach) -> Approach:
     size = np.array([one.slots[i].free.coordinate(one.slots[i].free.probe) for i in mine])
     seen, at = one, np.concatenate([shared, one.at[len(shared) :]])
     tries = [one.at]
-    signed = all(one.slots[i].free.range[0] < 0.0 for i in mine)
+    signed = all(one.slots[i].free.signed for i in mine)
     for tried, factors in enumerate(_SCANS):
         for factor in [*factors, *(-f for f in factors if signed and not tried)]:
             to = at.copy()

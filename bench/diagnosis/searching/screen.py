@@ -155,7 +155,7 @@ def _p_value(drop: float, one: Probe) -> float:
 
     if drop <= 0.0:
         return 1.0
-    signed = [f.range[0] < 0.0 for f in one.free]
+    signed = [f.signed for f in one.free]
     if len(one.free) == 1:
         return float(chi2.sf(drop, 1)) * (1.0 if signed[0] else 0.5)
     return float(0.5 * chi2.sf(drop, 1) + 0.25 * chi2.sf(drop, 2)) if not any(signed) else float(chi2.sf(drop, 2))

@@ -53,5 +53,5 @@ def best_seen(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed:
 
 
 def _factors(effect: type[Effect]) -> tuple[float, ...]:
-    signed = all(free.range[0] < 0.0 for free in switches(effect))
+    signed = all(free.signed for free in switches(effect))
     return (*_SIZES, *(-f for f in _SIZES)) if signed else _SIZES

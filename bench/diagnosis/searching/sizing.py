@@ -137,7 +137,7 @@ def _of_either_sign(problem: Problem, fit: Fit, probes: Sequence[Probe], seed: i
     Light that falls does not take away the events that rising light would send: nothing is less than no event.
     """
     found = list(probes)
-    signed = [i for i, one in enumerate(probes) if all(free.range[0] < 0.0 for free in one.free)]
+    signed = [i for i, one in enumerate(probes) if all(free.signed for free in one.free)]
     if not signed:
         return found
     turned = [np.full(len(probes[i].at), -1.0) for i in signed]
@@ -174,7 +174,7 @@ def _factors(one: Probe) -> tuple[float, ...]:
         factor for factor in _OTHERWISE
         if all(low <= factor * abs(at) <= high for low, at, high in zip(least, one.at, most, strict=True))
     ]  # fmt: skip
-    signed = all(free.range[0] < 0.0 for free in one.free)
+    signed = all(free.signed for free in one.free)
     return (*sizes, *(-factor for factor in sizes)) if signed else tuple(sizes)
 
 

@@ -172,7 +172,7 @@ def test_a_run_can_be_taken_again_and_resumed_where_its_station_is_named(
 def test_the_truth_is_told_at_the_biases_of_a_run(challenge: Path, tmp_path: Path) -> None:
     truth = read_truth(challenge)
     run = take(load_station(challenge / "station.yaml"), tmp_path / "run", "{thresholds: {on: 0.4, off: 0.25}}")
-    settings = biases_of([run], truth.station)
+    settings = biases_of([Run.open(run)], truth.station)
     assert len(settings) == 2  # the square waves leave the biases as they are
     numbers = {n.key: n.value for n in truth.numbers(settings)}
     believed = {"on": (0.30, 0.40), "off": (0.25, 0.25)}
@@ -182,7 +182,7 @@ def test_the_truth_is_told_at_the_biases_of_a_run(challenge: Path, tmp_path: Pat
     at_factory = {n.key: n.value for n in truth.numbers()}
     assert at_factory["thresholds.on"] == numbers["thresholds.on@0"]
     with pytest.raises(InputError, match=r"station blind-.*; expected a run that was taken on blind-other"):
-        biases_of([run], "blind-other")
+        biases_of([Run.open(run)], "blind-other")
 
 
 def test_a_diagnosis_is_held_against_the_truth_with_its_own_runs_only(

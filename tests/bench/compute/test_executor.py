@@ -129,6 +129,18 @@ def test_workers_share_the_processors() -> None:
     assert int(found) == max(1, available // 2)
 
 
+@pytest.mark.parametrize(("users", "workers"), [(None, "1"), ("3", "3")])
+def test_workers_load_the_linear_algebra_with_one_thread(
+    monkeypatch: pytest.MonkeyPatch, users: str | None, workers: str
+) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    if users is not None:
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", users)
+    with Workforce(workers=2).open() as executor:
+        assert {threads for _, threads in executor.map(functions.threads_of_algebra, range(2))} == {workers}
+    assert os.environ.get("OPENBLAS_NUM_THREADS") == users
+
+
 def test_one_worker_is_this_process() -> None:
     with Workforce(setup=functions.prepare).open() as executor:
         assert {who[0] for _, who in executor.map(functions.who, range(3))} == {os.getpid()}

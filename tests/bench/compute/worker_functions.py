@@ -50,6 +50,11 @@ def who(_: int) -> tuple[int, int, str | None]:
     return os.getpid(), prepared, os.environ.get("EVS_BENCH_THREADS")
 
 
+def threads_of_algebra(_: int) -> str | None:
+    """Return with how many threads the linear algebra was loaded."""
+    return os.environ.get("OPENBLAS_NUM_THREADS")
+
+
 def prepare() -> None:
     """Count."""
     global prepared

@@ -41,6 +41,13 @@ def test_a_coordinate_out_of_bounds_gives_a_value_within_them() -> None:
     assert spread.value(-1.0) == 0.0
 
 
+def test_numbers_that_have_either_sign() -> None:
+    signed = {one.key for effect in effects().values() for one in free_of(effect) if one.signed}
+    assert signed == {
+        "contrast_error.gain_error", "injection_offset.offset", "light_drift.rate_per_s", "nd_error.delta_od",
+    }  # fmt: skip
+
+
 def test_numbers_of_the_base_pixel_are_put_where_they_belong() -> None:
     free = base_parameters(refractory_known=True)
     model = put(PixelModel() + DarkCurrent(mean_fa=2.0), free, [math.log(v) for v in (0.2, 0.3, 0.04, 150.0, 5e-3)])
