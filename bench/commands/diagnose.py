@@ -57,7 +57,8 @@ def command(
     """Say which effects a pixel model of RUN lacks, add them, and show how the error falls.
 
     Several runs of one sensor are explained together. What is found is printed, and written to RUN/diagnosis: the
-    accepted model, tables of residuals, figures, and a page. `evs-bench report RUN` shows it too.
+    accepted model, tables of residuals, figures, and a page. `evs-bench report RUN` shows it too. Ctrl-C ends the
+    search and keeps what was found; a second one ends at once.
 
     Example:  evs-bench diagnose my_run --max-effects 2
     """
@@ -80,17 +81,35 @@ def command(
         with Diagnosis(
             opened, model, seed=seed, tell=tell, workforce=processes(workers), whole=whole
         ) as diagnosis:  # fmt: skip
-            outcome = _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
+
+            def search() -> Outcome:
+                return _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
+
+            outcome, cut_short = _until_stopped(diagnosis, search, tell)
             residuals = residuals_by_step(diagnosis.problem, diagnosis.fits) if outcome.steps else {}
         tell("drawing the figures")
         _save(outcome, residuals, folder)
     if as_json:
         print_json(outcome.to_dict())
-    elif not by_hand:
+    elif not by_hand or cut_short:
         show(head_line(outcome.runs, *size_of(opened), outcome.findings))
         for line in lines_of(outcome, first_places(residuals)):
             show(line)
-    say(f"model, tables and figures are in {folder}; open {folder / PAGE} in a browser")
+    where = f"model, tables and figures are in {folder}; open {folder / PAGE} in a browser"
+    if cut_short:
+        raise KeyboardInterrupt(f"stopped; {where}")
+    say(where)
+
+
+def _until_stopped(diagnosis: Diagnosis, search: Callable[[], Outcome], tell: Teller) -> tuple[Outcome, bool]:
+    """Return what a search found, or had found when Ctrl-C ended it; and whether it did."""
+    try:
+        return search(), False
+    except KeyboardInterrupt:
+        if not diagnosis.begun:
+            raise
+        tell("stopping with what was found so far (Ctrl-C: at once)")
+        return diagnosis.outcome(measure_next=False), True
 
 
 def _print(line: str) -> None:

@@ -118,6 +118,7 @@ class Diagnosis:
         self._states: list[State] = []
         self._next: tuple[Fit, dict[str, Any] | None] | None = None
         self._shortlist = Shortlist(self._session, self._refitted, seed)
+        self._on_another_way = False
         self._seen: Probed = {}  # how well each effect is seen hardly depends on the step
         self.findings: tuple[str, ...] = findings_of(self._session.problem)
 
@@ -137,6 +138,11 @@ class Diagnosis:
     def problem(self) -> Problem:
         """The runs, as they are laid beside a model."""
         return self._session.problem
+
+    @property
+    def begun(self) -> bool:
+        """Whether anything was found so far."""
+        return bool(self._states)
 
     @property
     def shortened(self) -> str:
@@ -188,7 +194,10 @@ class Diagnosis:
         return self._last_step()
 
     def run(self, most: int = 3) -> Outcome:
-        """Add what is missing, step by step, until nothing more is significant; drop what is needless."""
+        """Add what is missing, step by step, until nothing more is significant; drop what is needless.
+
+        Where Ctrl-C ends it, :meth:`outcome` tells what was found until then.
+        """
         if self.findings:
             return self.outcome()
         self._go_on(most)
@@ -196,13 +205,23 @@ class Diagnosis:
             self._try_others(most)
         return self.outcome()
 
-    def outcome(self) -> Outcome:
-        """Return what was found so far."""
+    def outcome(self, *, measure_next: bool = True) -> Outcome:
+        """Return what was found so far.
+
+        Parameters
+        ----------
+        measure_next
+            Simulate what to measure next, where effects cannot be told apart.
+        """
         states = self._all() if not self.findings else self._states
+        if states:
+            self._back_to(states)  # a step may have been cut short
         verdict: Verdict = "data_not_fit_to_judge"
         missing: tuple[str, ...] = ()
+        stopped = False
         if not self.findings:
-            verdict, missing = verdict_of(self.problem, states)
+            stopped = self._on_another_way or self._might_go_on(states[-1])
+            verdict, missing = verdict_of(self.problem, states, stopped)
         last = states[-1].fit if states else None
         ties = ties_of(states, missing)
         ties = told_apart(ties, self.problem, last) if last is not None else ties
@@ -213,11 +232,11 @@ class Diagnosis:
             verdict=verdict,
             missing=missing,
             ties=ties,
-            next_measurement=self._next_measurement(last, ties),
+            next_measurement=self._next_measurement(last, ties) if measure_next else None,
             remainder=remainder_of(self.problem, states[-1]) if states and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
             shortened=self.shortened,
-            stopped=verdict == "unexplained" and _might_go_on(states[-1]),
+            stopped=stopped,
         )
 
     def _next_measurement(self, last: Fit | None, ties: dict[str, tuple[str, ...]]) -> dict[str, Any] | None:
@@ -251,8 +270,7 @@ class Diagnosis:
         if again is None:
             return False
         self._say("going on from a better place of the same model")
-        self._states = self._states[:-1]
-        self._look_again(again, last.added)
+        self._look_again(self._states[:-1], again, last.added)
         return True
 
     def _try_others(self, most: int) -> None:
@@ -261,6 +279,16 @@ class Diagnosis:
         While several effects are missing, one that is not may do best at first, and leave what nothing explains.
         """
         known = self._states
+        self._on_another_way = True
+        try:
+            self._on_another_way = not self._goes_another_way(known, most)
+        finally:
+            if self._on_another_way:
+                self._back_to(known)
+        self._on_another_way = False
+
+    def _goes_another_way(self, known: list[State], most: int) -> bool:
+        """Return whether another way than the known one explains the run; then it is the one that was gone."""
         for depth, other in other_ways(self.problem, known)[:_DETOURS]:
             self._say(f"step {depth + 1}: another way, with {other.effect}")
             self._back_to([*known[:depth], proposing(self.problem, known[depth], other.effect)])
@@ -268,8 +296,8 @@ class Diagnosis:
             self._drop()
             self._go_on(most)
             if is_explained(self.problem, self._states[-1]):
-                return
-        self._back_to(known)
+                return True
+        return False
 
     def _back_to(self, states: list[State]) -> None:
         """Go on from states that were there before; phases of a ripple are those that the last of them had."""
@@ -281,25 +309,26 @@ class Diagnosis:
         if not self._states:
             self._say("fitting the model")
             first = self._session.fit(self._seed)
-            self._states.append(self._look(first, None, 0.0))
+            self._states.append(self._look(first, None, 0.0, 0))
         return self._states
 
     def _with(self, found: Found, before: State) -> State:
         """Return the state in which an effect was added to the one before."""
         fall = share(self.problem, before.fit, found.deviance)
         self._session.problem = found.beside(self.problem)
-        return self._look(found.fit, found.effect, fall, in_phase=found.phases is not None)
+        return self._look(
+            found.fit, found.effect, fall, len(self._states), in_phase=found.phases is not None
+        )  # fmt: skip
 
-    def _look_again(self, again: Fit, added: str | None) -> None:
-        """Look at a model that was fitted again, behind the states that are left."""
+    def _look_again(self, left: list[State], again: Fit, added: str | None) -> None:
+        """Go on from the states that are left, and a model that was fitted again behind them."""
         fall = 0.0
-        if self._states:
-            before = self._states[-1].fit
+        if left:
+            before = left[-1].fit
             fall = share(self.problem, before, deviance_beside(self.problem, again, before))
-        self._states.append(self._look(again, added, fall))
+        self._states = [*left, self._look(again, added, fall, len(left))]
 
-    def _look(self, fitted: Fit, added: str | None, fall: float, in_phase: bool = False) -> State:
-        number = len(self._states)
+    def _look(self, fitted: Fit, added: str | None, fall: float, number: int, in_phase: bool = False) -> State:
         fitted = self._session.in_time(fitted, self._seed + 100 * number + 66)
         if not in_phase:
             fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
@@ -377,13 +406,13 @@ class Diagnosis:
                 return
             name, again = found
             self._say(f"taking out {name}")
-            self._states = [s for s in self._states[:-1] if s.added != name]
-            self._look_again(again, last.added)
+            self._look_again([s for s in self._states[:-1] if s.added != name], again, last.added)
 
     def _last_step(self) -> Step:
         return step_with_candidates(self.problem, self._states[-1], len(self._states) - 1)
 
-
-def _might_go_on(state: State) -> bool:
-    """Return whether something was to be added, or may have been: nobody has looked."""
-    return not state.chosen or state.proposal is not None
+    def _might_go_on(self, state: State) -> bool:
+        """Return whether something was to be added, or may have been: nobody has looked."""
+        if state.chosen:
+            return state.proposal is not None
+        return not is_explained(self.problem, state) or self._shortlist.promises(state)

@@ -97,6 +97,10 @@ class Shortlist:
         if state.proposal is None:
             self._propose(state, self._at_other_sizes(state), _SURE)
 
+    def promises(self, state: State) -> bool:
+        """Return whether any effect is significant before it is refitted."""
+        return bool(self._promising(state))
+
     def _is_foreseen(self, state: State) -> bool:
         """Return whether some effect promises a good part of what is missing: else their order says little."""
         left = loss_left(self._problem, state.fit) - freedom(state.fit)

@@ -18,15 +18,18 @@ if TYPE_CHECKING:
 __all__ = ["ties_of", "verdict_of"]
 
 
-def verdict_of(problem: Problem, states: Sequence[State]) -> tuple[Verdict, tuple[str, ...]]:
+def verdict_of(
+    problem: Problem, states: Sequence[State], stopped: bool = False
+) -> tuple[Verdict, tuple[str, ...]]:  # fmt: skip
     """Return the verdict, and the effects that are named.
 
+    Where the search was stopped nothing may have been named although something is significant: that is not explained.
     Effects that leave much behind may only have mimicked what no catalogue knows: where something is left that
     nothing explains, only those are named that take away nearly all of what was too much.
     """
     if is_explained(problem, states[-1]):
         named = tuple(s.added for s in states[1:] if s.added is not None)
-        return ("explained" if named else "nothing_missing"), named
+        return ("explained" if named else "unexplained" if stopped else "nothing_missing"), named
     sure = (
         after.added for before, after in pairwise(states)
         if after.added is not None and min(after.fall, share_of_loss(problem, before.fit, after.fit)) > NEARLY_ALL

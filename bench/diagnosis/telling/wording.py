@@ -267,9 +267,8 @@ def verdict_line(outcome: Outcome) -> str:
     if outcome.verdict == "nothing_missing":
         return f"verdict: nothing is missing. The error is {first}, and no known effect would lower it beyond chance."
     if outcome.verdict == "explained":
-        return (
-            f"verdict: {many} missing, {names}. The error fell from {first} to {last}; nothing else is significant."
-        )
+        rest = "the search was stopped, and more may be missing" if outcome.stopped else "nothing else is significant"
+        return f"verdict: {many} missing, {names}. The error fell from {first} to {last}; {rest}."
     if outcome.stopped:
         added = [step.added for step in outcome.steps if step.added is not None]
         so_far = f"With {_listed(added)} the error fell from {first} to {last}" if added else f"The error is {first}"

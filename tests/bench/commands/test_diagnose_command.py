@@ -44,6 +44,7 @@ class Stub:
         self.shortened = "the beginning of 1 of 2 recordings: 3 of 10 s"
         self.problem, self.fits = None, ()
         self._steps: tuple[Step, ...] = self.found.steps[:1]
+        self.begun = True
 
     def __enter__(self) -> Stub:
         return self
@@ -71,9 +72,20 @@ class Stub:
         type(self).asked["most"] = most
         return self.found  # type: ignore[no-any-return]
 
-    def outcome(self) -> Outcome:
+    def outcome(self, *, measure_next: bool = True) -> Outcome:
+        type(self).asked["measure_next"] = measure_next
         missing = tuple(s.added for s in self._steps if s.added is not None)
         return replace(self.found, steps=self._steps, missing=missing)  # type: ignore[no-any-return]
+
+
+def stop(*_: object) -> Outcome:
+    """Stand for a person who presses Ctrl-C."""
+    raise KeyboardInterrupt
+
+
+def nothing_begun(stub: Stub) -> Stub:
+    stub.begun = False
+    return stub
 
 
 @pytest.fixture(name="folder", scope="module")
@@ -133,6 +145,35 @@ def test_by_hand_the_picked_effects_are_what_is_written(diagnose: Callable[..., 
     written = json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())
     assert written["missing"] == ["stray_light"]
     assert [s["added"] for s in written["steps"]] == [None, "stray_light"]
+
+
+@pytest.mark.parametrize("options", [(), ("--json",), ("--interactive",)])
+def test_ctrl_c_keeps_what_was_found_so_far(
+    diagnose: Callable[..., Any], folder: Path, tmp_path: Path, explained: Outcome, monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str], options: tuple[str, ...],
+) -> None:  # fmt: skip
+    so_far = replace(explained, verdict="unexplained", stopped=True)
+    monkeypatch.setattr(Stub, "found", so_far)
+    monkeypatch.setattr(Stub, "run", stop)
+    monkeypatch.setattr(Stub, "proposal", property(stop))
+    code = cli.run(["diagnose", str(folder), "--out", str(tmp_path), *options])
+    out, err = capfd.readouterr()
+    written = json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())
+    assert code == cli.EXIT_STOPPED
+    assert Stub.asked["measure_next"] is False  # that would take as long as the search
+    assert (written["verdict"], written["stopped"], written["missing"]) == ("unexplained", True, [])
+    assert "stopping with what was found so far" in err
+    assert err.splitlines()[-1].startswith("evs-bench: stopped; model, tables and figures are in ")
+    assert json.loads(out) == written if options == ("--json",) else "verdict: unexplained so far" in out
+
+
+def test_ctrl_c_before_anything_was_found_writes_nothing(
+    diagnose: Callable[..., Any], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Stub, "run", stop)
+    monkeypatch.setattr(Stub, "__enter__", nothing_begun)
+    assert cli.run(["diagnose", str(folder), "--out", str(tmp_path)]) == cli.EXIT_STOPPED
+    assert not (tmp_path / "diagnosis").exists()
 
 
 def test_by_hand_with_json_keeps_the_tables_off_stdout(diagnose: Callable[..., Any]) -> None:

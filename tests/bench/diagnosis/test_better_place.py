@@ -67,16 +67,15 @@ def test_a_diagnosis_looks_again_at_what_is_missing_from_there(monkeypatch: pyte
     proposals: dict[float, str | None] = {9.0: "leak", 1.2: None, 1.1: "reset_noise", 1.0: None}
     left = {"leak": 1.2, "reset_noise": 1.0}
 
-    def look(fit: float, added: str | None, fall: float, in_phase: bool = False) -> Any:
-        seen.append((fit, added, fall, len(made._states)))
+    def look(fit: float, added: str | None, fall: float, number: int, in_phase: bool = False) -> Any:
+        seen.append((fit, added, fall, number))
         return SimpleNamespace(fit=fit, added=added, fall=fall, chosen=True, proposal=proposals[fit], problem=PROBLEM)
 
     seen: list[Any] = []
-    made._states = []
-    made._states = [look(9.0, None, 0.0)]
+    made._states = [look(9.0, None, 0.0, 0)]
     made._look = look
     made._drop = lambda: None
-    made.add = lambda name: made._states.append(look(left[name], name, 0.9))
+    made.add = lambda name: made._states.append(look(left[name], name, 0.9, len(made._states)))
     monkeypatch.setattr(diagnosis, "better_place", lambda _, last, __: 1.1 if last.fit == 1.2 else None)
     monkeypatch.setattr(diagnosis, "deviance_beside", lambda _, fit, __: fit)
     monkeypatch.setattr(diagnosis, "share", lambda _, before, after: (before - after) / (before - 1.0))

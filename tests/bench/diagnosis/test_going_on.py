@@ -53,6 +53,40 @@ def test_it_ends_when_nothing_is_proposed() -> None:
     assert made.added == ["leak", "dark_current"]
 
 
+@pytest.mark.parametrize(
+    ("chosen", "proposal", "explained", "promises", "expected"),
+    [
+        (True, None, False, True, False),  # all was tried
+        (True, "leak", True, False, True),  # it may not be added: there are as many as were asked for
+        (False, None, False, False, True),
+        (False, None, True, True, True),  # small, but significant
+        (False, None, True, False, False),
+    ],
+)
+def test_whether_a_search_that_ended_might_have_gone_on(
+    chosen: bool, proposal: str | None, explained: bool, promises: bool, expected: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    made: Any = object.__new__(Diagnosis)
+    made._session = SimpleNamespace(problem=None)
+    made._shortlist = SimpleNamespace(promises=lambda _: promises)
+    monkeypatch.setattr("bench.diagnosis.diagnosis.is_explained", lambda *_: explained)
+    assert made._might_go_on(SimpleNamespace(chosen=chosen, proposal=proposal)) is expected
+
+
+def test_a_step_that_is_cut_short_leaves_those_before_it() -> None:
+    made: Any = object.__new__(Diagnosis)
+    made._states = before = [SimpleNamespace(added=None, fit=None), SimpleNamespace(added="leak", fit=None)]
+
+    def cut_short(*_: object, **__: object) -> Any:
+        raise KeyboardInterrupt
+
+    made._look = cut_short
+    with pytest.raises(KeyboardInterrupt):
+        made._look_again([], None, "leak")
+    assert made._states is before
+
+
 def fit_at(sigmas: dict[str, float]) -> Any:
     """Return a fit of effects so many standard errors from null."""
     slots = tuple(Slot(Free(name, field, field, "1", "linear", 0.0, 1e3, 3.0)) for name, field in FIELDS.items())

@@ -46,13 +46,13 @@ class MadeUp(Diagnosis):
         self.findings = ()
         self._say = lambda _: None
         self._session = SimpleNamespace(problem=self)  # type: ignore[assignment]
-        self._states = [self._look("base", None, 0.0)]
+        self._states = [self._look("base", None, 0.0, 0)]
         self._states[0].refitted = {f.effect: f for f in rivals}
 
     def way(self, states: Sequence[Any]) -> tuple[str, ...]:
         return tuple(s.added for s in states[1:])
 
-    def _look(self, fitted: Any, added: str | None, fall: float, in_phase: bool = False) -> Any:
+    def _look(self, fitted: Any, added: str | None, fall: float, number: int, in_phase: bool = False) -> Any:
         assert not in_phase
         return SimpleNamespace(
             fit=fitted, added=added, fall=fall, refitted={}, proposal=None, tied=(), problem=self,
@@ -62,13 +62,14 @@ class MadeUp(Diagnosis):
     def _go_on(self, most: int) -> None:
         longer = [way for way in self.left if way[:-1] == self.way(self._states) and way]
         if longer and len(self._states) <= most:
-            self._states.append(self._look(longer[0][-1], longer[0][-1], 0.9))
+            self._states.append(self._look(longer[0][-1], longer[0][-1], 0.9, len(self._states)))
             self._go_on(most)
 
     def _drop(self) -> None:
         """Nothing turns out to be needless."""
 
-    def outcome(self) -> Any:
+    def outcome(self, *, measure_next: bool = True) -> Any:
+        assert measure_next
         return self.way(self._states)
 
 
@@ -114,8 +115,8 @@ def test_what_is_needless_on_another_way_is_taken_out() -> None:
     made = Needless(left, [])
     look = made._look
 
-    def with_rival(fitted: Any, added: str | None, fall: float, in_phase: bool = False) -> Any:
-        state = look(fitted, added, fall, in_phase)
+    def with_rival(fitted: Any, added: str | None, fall: float, number: int, in_phase: bool = False) -> Any:
+        state = look(fitted, added, fall, number, in_phase)
         state.refitted = {"leak": found("leak", 0.1)} if added == "light_drift" else {}
         return state
 
@@ -167,6 +168,25 @@ def test_the_first_way_has_its_phases_again_once_others_have_failed(monkeypatch:
     assert tried == [(0.7, 0.7), (0.1, 0.1)]
     assert made.problem == 1.9
     assert len(made._states) == 3
+
+
+def test_the_first_way_is_gone_back_to_when_another_is_cut_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = gone_on([0.1, 0.7, 1.9])
+    known = list(made._states)
+    monkeypatch.setattr(diagnosis, "other_ways", lambda *_: [(1, found("leak", 0.3))])
+    monkeypatch.setattr(diagnosis, "proposing", lambda _, state, __: state)
+    made._say = lambda _: None
+
+    def cut_short(*_: object) -> Any:
+        made._session.problem = 3.3
+        raise KeyboardInterrupt
+
+    made._with = cut_short
+    with pytest.raises(KeyboardInterrupt):
+        made._try_others(3)
+    assert made._states == known
+    assert made.problem == 1.9
+    assert made._on_another_way  # so it is not said that all was tried
 
 
 class Promising(Shortlist):

@@ -38,6 +38,24 @@ def named(before: Any, after: Any) -> tuple[str, ...]:
     return missing
 
 
+@pytest.mark.parametrize(
+    ("added", "stopped", "expected"),
+    [
+        ((), False, ("nothing_missing", ())),
+        ((), True, ("unexplained", ())),  # something is significant, and was not looked at
+        (("leak",), False, ("explained", ("leak",))),
+        (("leak",), True, ("explained", ("leak",))),
+    ],
+)
+def test_a_search_that_was_stopped_does_not_say_that_nothing_is_missing(
+    added: tuple[str, ...], stopped: bool, expected: tuple[str, tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.diagnosis.searching.verdict.is_explained", lambda *_: True)
+    states: Any = [SimpleNamespace(added=name) for name in (None, *added)]
+    problem: Any = None
+    assert verdict_of(problem, states, stopped) == expected
+
+
 @pytest.fixture
 def chance() -> Any:
     return np.random.default_rng(3).standard_normal(N)

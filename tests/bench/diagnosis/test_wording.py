@@ -88,6 +88,7 @@ def test_every_verdict_is_one_sentence(explained: Outcome) -> None:
     assert verdict_line(replace(none, stopped=True)) == (
         "verdict: unexplained so far. The error is 41.7; the search was stopped before all that is known was tried."
     )
+    assert verdict_line(replace(explained, stopped=True)).endswith("the search was stopped, and more may be missing.")
     stopped = verdict_line(replace(explained, verdict="unexplained", missing=(), stopped=True))
     assert "so far. With dark_current the error fell from 41.7 to 1.06; the search was stopped" in stopped
     two = replace(explained, missing=("dark_current", "leak"))
