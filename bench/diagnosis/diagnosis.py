@@ -25,10 +25,10 @@ from bench.diagnosis.searching.screen import score
 from bench.diagnosis.searching.shortlist import ALPHA, Shortlist
 from bench.diagnosis.searching.sizing import probe
 from bench.diagnosis.searching.state import State, can_judge, is_explained, leaves_little
-from bench.diagnosis.searching.taking_out import to_take_out
+from bench.diagnosis.searching.taking_out import to_take_out, without
 from bench.diagnosis.searching.ties import told_apart
 from bench.diagnosis.searching.trends import clear_trends
-from bench.diagnosis.searching.verdict import ties_of, verdict_of
+from bench.diagnosis.searching.verdict import group_of, ties_of, verdict_of
 from bench.diagnosis.session import open_session
 from bench.diagnosis.workers import processes
 from bench.store import Run
@@ -118,7 +118,7 @@ class Diagnosis:
         self._states: list[State] = []
         self._next: tuple[Fit, dict[str, Any] | None] | None = None
         self._shortlist = Shortlist(self._session, self._refitted, seed)
-        self._on_another_way = False
+        self._searching = False  # or a search was cut short
         self._seen: Probed = {}  # how well each effect is seen hardly depends on the step
         self.findings: tuple[str, ...] = findings_of(self._session.problem)
 
@@ -200,9 +200,11 @@ class Diagnosis:
         """
         if self.findings:
             return self.outcome()
+        self._searching = True
         self._go_on(most)
         if not is_explained(self.problem, self._states[-1]):
             self._try_others(most)
+        self._searching = False
         return self.outcome()
 
     def outcome(self, *, measure_next: bool = True) -> Outcome:
@@ -220,7 +222,7 @@ class Diagnosis:
         missing: tuple[str, ...] = ()
         stopped = False
         if not self.findings:
-            stopped = self._on_another_way or self._might_go_on(states[-1])
+            stopped = self._searching or self._might_go_on(states[-1])
             verdict, missing = verdict_of(self.problem, states, stopped)
         last = states[-1].fit if states else None
         ties = ties_of(states, missing)
@@ -270,7 +272,8 @@ class Diagnosis:
         if again is None:
             return False
         self._say("going on from a better place of the same model")
-        self._look_again(self._states[:-1], again, last.added)
+        left = self._states[:-1]
+        self._states = [*left, self._look_again(left, again, last)]
         return True
 
     def _try_others(self, most: int) -> None:
@@ -279,25 +282,18 @@ class Diagnosis:
         While several effects are missing, one that is not may do best at first, and leave what nothing explains.
         """
         known = self._states
-        self._on_another_way = True
         try:
-            self._on_another_way = not self._goes_another_way(known, most)
-        finally:
-            if self._on_another_way:
+            for depth, other in other_ways(self.problem, known)[:_DETOURS]:
+                self._say(f"step {depth + 1}: another way, with {other.effect}")
+                self._back_to([*known[:depth], proposing(self.problem, known[depth], other.effect)])
+                self._states = [*self._states, self._with(other, self._states[-1])]
+                self._drop()
+                self._go_on(most)
+                if is_explained(self.problem, self._states[-1]):
+                    break
+        finally:  # also where it is cut short
+            if not is_explained(self._states[-1].problem, self._states[-1]):
                 self._back_to(known)
-        self._on_another_way = False
-
-    def _goes_another_way(self, known: list[State], most: int) -> bool:
-        """Return whether another way than the known one explains the run; then it is the one that was gone."""
-        for depth, other in other_ways(self.problem, known)[:_DETOURS]:
-            self._say(f"step {depth + 1}: another way, with {other.effect}")
-            self._back_to([*known[:depth], proposing(self.problem, known[depth], other.effect)])
-            self._states = [*self._states, self._with(other, known[depth])]
-            self._drop()
-            self._go_on(most)
-            if is_explained(self.problem, self._states[-1]):
-                return True
-        return False
 
     def _back_to(self, states: list[State]) -> None:
         """Go on from states that were there before; phases of a ripple are those that the last of them had."""
@@ -316,17 +312,21 @@ class Diagnosis:
         """Return the state in which an effect was added to the one before."""
         fall = share(self.problem, before.fit, found.deviance)
         self._session.problem = found.beside(self.problem)
-        return self._look(
+        state = self._look(
             found.fit, found.effect, fall, len(self._states), in_phase=found.phases is not None
         )  # fmt: skip
+        state.group = group_of(before, found.effect)
+        return state
 
-    def _look_again(self, left: list[State], again: Fit, added: str | None) -> None:
-        """Go on from the states that are left, and a model that was fitted again behind them."""
+    def _look_again(self, left: Sequence[State], again: Fit, like: State) -> State:
+        """Return the state of a model that was fitted again, for one like it, behind the states that are left."""
         fall = 0.0
         if left:
             before = left[-1].fit
             fall = share(self.problem, before, deviance_beside(self.problem, again, before))
-        self._states = [*left, self._look(again, added, fall, len(left))]
+        state = self._look(again, like.added, fall, len(left))
+        state.group = like.group
+        return state
 
     def _look(self, fitted: Fit, added: str | None, fall: float, number: int, in_phase: bool = False) -> State:
         fitted = self._session.in_time(fitted, self._seed + 100 * number + 66)
@@ -406,7 +406,23 @@ class Diagnosis:
                 return
             name, again = found
             self._say(f"taking out {name}")
-            self._look_again([s for s in self._states[:-1] if s.added != name], again, last.added)
+            left = self._left_without(name)
+            self._session.problem = last.problem
+            self._states = [*left, self._look_again(left, again, last)]
+
+    def _left_without(self, name: str) -> list[State]:
+        """Return the states before the last one without an effect; those that had it are fitted without it."""
+        left: list[State] = []
+        for state in self._states[:-1]:
+            if state.added == name:
+                continue
+            if state.fit.model.effect(name) is not None:
+                self._session.problem = state.problem
+                again = without(state.problem, state.fit, name, self._seed + 100 * len(left) + 43)
+                left.append(self._look_again(left, again, state))
+            else:
+                left.append(state)
+        return left
 
     def _last_step(self) -> Step:
         return step_with_candidates(self.problem, self._states[-1], len(self._states) - 1)

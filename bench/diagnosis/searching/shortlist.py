@@ -85,15 +85,17 @@ class Shortlist:
         """Find the effect that is worth adding, and those that cannot be told from it."""
         names = self._promising(state)
         if not is_far_off(self._problem, state.fit):
-            self._propose(state, names[:1])
+            for name in names[:_SHORTLIST]:  # the clearest one may be finer than what can be told, or needless
+                if state.proposal is None:
+                    self._propose(state, [name])
             return
         together = _SHORTLIST if self._is_foreseen(state) else _SHORTLISTS * _SHORTLIST
         for first in range(0, min(len(names), _SHORTLISTS * _SHORTLIST), together):
             if state.proposal is None:
                 self._propose(state, self._with_twins(state, names[first : first + together]))
         if state.proposal is None and not self._asked_all:
-            self._asked_all = True
             self._propose(state, self._all_others(state), _SURE, _SHORTLIST, _LEFT_SOON)
+            self._asked_all = True
         if state.proposal is None:
             self._propose(state, self._at_other_sizes(state), _SURE)
 

@@ -50,6 +50,7 @@ class State:
     hopeless: frozenset[str] = frozenset()  #: effects that come nowhere near the best
     tied: tuple[str, ...] = ()
     proposal: str | None = None
+    group: tuple[str, ...] = ()  #: what was added, and all that could not be told from it then
     trends: tuple[Trend, ...] = ()  #: that chance does not make, where the squares are no larger than chance makes
     chosen: bool = False  #: whether a proposal was looked for
 

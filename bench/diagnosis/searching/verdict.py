@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from bench.diagnosis.fitting.judging import NEARLY_ALL, share_of_loss
+from bench.diagnosis.searching.refit import needless
 from bench.diagnosis.searching.state import is_explained
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.result import Verdict
     from bench.diagnosis.searching.state import State
 
-__all__ = ["ties_of", "verdict_of"]
+__all__ = ["group_of", "ties_of", "verdict_of"]
 
 
 def verdict_of(
@@ -24,11 +25,13 @@ def verdict_of(
     """Return the verdict, and the effects that are named.
 
     Where the search was stopped nothing may have been named although something is significant: that is not explained.
+    What a person added may be within chance of nothing, and so may the last effect once its fit was made sharper.
     Effects that leave much behind may only have mimicked what no catalogue knows: where something is left that
     nothing explains, only those are named that take away nearly all of what was too much.
     """
     if is_explained(problem, states[-1]):
-        named = tuple(s.added for s in states[1:] if s.added is not None)
+        last = states[-1].fit
+        named = tuple(s.added for s in states[1:] if s.added is not None and not needless(problem, last, s.added))
         return ("explained" if named else "unexplained" if stopped else "nothing_missing"), named
     sure = (
         after.added for before, after in pairwise(states)
@@ -37,12 +40,20 @@ def verdict_of(
     return "unexplained", tuple(sure)
 
 
+def group_of(before: State, added: str) -> tuple[str, ...]:
+    """Return an effect that is added to the model of a state with those that it cannot be told from there.
+
+    A person may add another one of a tie than was proposed, or one that is not in it.
+    """
+    group = () if before.proposal is None else (before.proposal, *before.tied)
+    return group if added in group else (added,)
+
+
 def ties_of(states: Sequence[State], missing: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """Return for each effect that was added what could take its place, but for what was added as well."""
     found = {}
-    for before, state in pairwise(states):
-        group = (before.proposal, *before.tied)  # a person may have added another one of it than was proposed
-        others = tuple(n for n in group if n and n != state.added and states[-1].fit.model.effect(n) is None)
-        if state.added is not None and state.added in missing and state.added in group and others:
+    for state in states[1:]:
+        others = tuple(n for n in state.group if n != state.added and states[-1].fit.model.effect(n) is None)
+        if state.added is not None and state.added in missing and others:
             found[state.added] = others
     return found

@@ -69,7 +69,10 @@ def test_a_diagnosis_looks_again_at_what_is_missing_from_there(monkeypatch: pyte
 
     def look(fit: float, added: str | None, fall: float, number: int, in_phase: bool = False) -> Any:
         seen.append((fit, added, fall, number))
-        return SimpleNamespace(fit=fit, added=added, fall=fall, chosen=True, proposal=proposals[fit], problem=PROBLEM)
+        return SimpleNamespace(
+            fit=fit, added=added, fall=fall, chosen=True, proposal=proposals[fit], problem=PROBLEM,
+            group=(added, "light_drift") if number == 1 and fit == 1.2 else (),
+        )  # fmt: skip
 
     seen: list[Any] = []
     made._states = [look(9.0, None, 0.0, 0)]
@@ -81,4 +84,5 @@ def test_a_diagnosis_looks_again_at_what_is_missing_from_there(monkeypatch: pyte
     monkeypatch.setattr(diagnosis, "share", lambda _, before, after: (before - after) / (before - 1.0))
     made._go_on(3)
     assert [(s.fit, s.added) for s in made._states] == [(9.0, None), (1.1, "leak"), (1.0, "reset_noise")]
+    assert made._states[1].group == ("leak", "light_drift")  # as it was before
     assert seen[2] == (1.1, "leak", (9.0 - 1.1) / 8.0, 1)

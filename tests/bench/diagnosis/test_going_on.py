@@ -74,16 +74,19 @@ def test_whether_a_search_that_ended_might_have_gone_on(
     assert made._might_go_on(SimpleNamespace(chosen=chosen, proposal=proposal)) is expected
 
 
-def test_a_step_that_is_cut_short_leaves_those_before_it() -> None:
+def test_a_step_that_is_cut_short_leaves_those_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
     made: Any = object.__new__(Diagnosis)
     made._states = before = [SimpleNamespace(added=None, fit=None), SimpleNamespace(added="leak", fit=None)]
+    made._session, made._seed, made._say = SimpleNamespace(problem=None), 1, lambda _: None
 
     def cut_short(*_: object, **__: object) -> Any:
         raise KeyboardInterrupt
 
     made._look = cut_short
+    for module in ("better_place", "share", "deviance_beside"):
+        monkeypatch.setattr(f"bench.diagnosis.diagnosis.{module}", lambda *_: 1.0)
     with pytest.raises(KeyboardInterrupt):
-        made._look_again([], None, "leak")
+        made._moved()
     assert made._states is before
 
 

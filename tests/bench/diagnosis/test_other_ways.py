@@ -14,9 +14,17 @@ from bench.diagnosis.diagnosis import Diagnosis
 from bench.diagnosis.searching import detours, refit, shortlist
 from bench.diagnosis.searching.shortlist import Shortlist
 from bench.diagnosis.searching.state import State
-from bench.diagnosis.searching.verdict import ties_of
+from bench.diagnosis.searching.verdict import group_of, ties_of
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, StrayLight
+from sim_backend.pixel.effects import (
+    ComparatorDelay,
+    Crosstalk,
+    DarkCurrent,
+    HotPixels,
+    Leak,
+    ResetNoise,
+    TrailFilter,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -181,12 +189,32 @@ def test_the_first_way_is_gone_back_to_when_another_is_cut_short(monkeypatch: py
         made._session.problem = 3.3
         raise KeyboardInterrupt
 
+    monkeypatch.setattr(diagnosis, "is_explained", lambda *_: False)
     made._with = cut_short
     with pytest.raises(KeyboardInterrupt):
         made._try_others(3)
     assert made._states == known
     assert made.problem == 1.9
-    assert made._on_another_way  # so it is not said that all was tried
+
+
+def test_another_way_that_explains_the_run_is_kept_when_it_is_cut_short() -> None:
+    class CutShort(MadeUp):
+        _asked: bool
+
+        def _go_on(self, most: int) -> None:
+            super()._go_on(most)
+            if self.way(self._states) == ("leak", "low_frequency_noise") and not self._asked:
+                self._asked = True
+                raise KeyboardInterrupt
+
+    made = CutShort({("light_drift",): 1.7, ("leak", "low_frequency_noise"): 1.0}, RIVALS)
+    made._asked = False
+    with pytest.raises(KeyboardInterrupt):
+        made.run()
+    assert made.way(made._states) == ("leak", "low_frequency_noise")
+    assert made._searching  # so it is not said that all was tried
+    made.run()
+    assert not made._searching
 
 
 class Promising(Shortlist):
@@ -224,6 +252,28 @@ class Promising(Shortlist):
         state.refitted |= dict.fromkeys(shortlist)
         good = [name for name in shortlist if self.shares[name] >= worth]
         state.proposal = max(good, key=lambda name: self.shares[name], default=None)
+
+
+@pytest.mark.parametrize(("refused", "asked", "proposal"), [
+    ((), ["jitter"], "jitter"),
+    (("jitter",), ["jitter", "leak"], "leak"),
+    (("jitter", "leak", "trail_filter"), ["jitter", "leak", "trail_filter"], None),
+])  # fmt: skip
+def test_near_the_truth_the_next_one_is_asked_where_the_clearest_is_refused(
+    monkeypatch: pytest.MonkeyPatch, refused: tuple[str, ...], asked: list[str], proposal: str | None
+) -> None:
+    class Near(Promising):
+        def _propose(self, state: State, shortlist: Sequence[str], *_: Any, **__: Any) -> None:
+            self.asked.append((list(shortlist), 0.0))
+            state.proposal = None if shortlist[0] in refused else shortlist[0]
+
+    monkeypatch.setattr(shortlist, "is_far_off", lambda _, __: False)
+    names = ["jitter", "leak", "trail_filter", "crosstalk"]
+    made = Near(names, dict.fromkeys(names, 0.0))
+    state = made.state()
+    made.choose(state)
+    assert [name for (name,), _ in made.asked] == asked
+    assert state.proposal == proposal
 
 
 def test_where_nothing_promises_anything_all_are_asked_and_have_to_explain_most() -> None:
@@ -320,33 +370,61 @@ def test_what_explains_some_of_it_alone_is_not_taken_for_what_is_missing() -> No
     assert state.proposal is None
 
 
+def with_effects(added: str | None, group: tuple[str, ...], *has: Any) -> Any:
+    return SimpleNamespace(added=added, group=group, fit=SimpleNamespace(model=sum(has, start=PixelModel())))
+
+
 def test_what_was_tied_and_then_added_is_tied_no_more() -> None:
-    delay = SimpleNamespace(id="comparator_delay")
-    trail = SimpleNamespace(id="trail_filter")
-
-    def state(added: str | None, proposal: str | None, tied: tuple[str, ...], *effects: Any) -> Any:
-        model = SimpleNamespace(effect=lambda name: next((e for e in effects if e.id == name), None))
-        return SimpleNamespace(added=added, proposal=proposal, tied=tied, fit=SimpleNamespace(model=model))
-
-    first = state(None, delay.id, (trail.id, "light_rise_time"))
-    second = state(delay.id, trail.id, (), delay)
-    third = state(trail.id, None, (), delay, trail)
+    delay, trail = ComparatorDelay(delay_s=1e-3), TrailFilter(window_s=0.01)
+    first = with_effects(None, ())
+    second = with_effects(delay.id, (delay.id, trail.id, "light_rise_time"), delay)
+    third = with_effects(trail.id, (trail.id,), delay, trail)
     assert ties_of([first, second], [delay.id]) == {delay.id: (trail.id, "light_rise_time")}
     assert ties_of([first, second, third], [delay.id, trail.id]) == {delay.id: ("light_rise_time",)}
     assert ties_of([first, second], []) == {}
 
 
 def test_a_person_may_add_another_one_of_a_tie_than_was_proposed() -> None:
-    dark, stray = DarkCurrent(mean_fa=3.0), StrayLight(illuminance_lux=0.01)
+    before: Any = SimpleNamespace(proposal="dark_current", tied=("stray_light", "leak"))
+    assert group_of(before, "stray_light") == ("dark_current", "stray_light", "leak")
+    assert group_of(before, "crosstalk") == ("crosstalk",)  # it is not one of the tie
+    before.proposal = None
+    assert group_of(before, "leak") == ("leak",)
 
-    def state(added: str | None, proposal: str | None, *has: Any) -> Any:
-        model = sum(has, start=PixelModel())
-        tied = ("stray_light", "leak") if proposal else ()
-        return SimpleNamespace(added=added, proposal=proposal, tied=tied, fit=SimpleNamespace(model=model))
 
-    first = state(None, dark.id)
-    assert ties_of([first, state(stray.id, None, stray)], [stray.id]) == {stray.id: (dark.id, "leak")}
-    assert ties_of([first, state("crosstalk", None, Crosstalk(0.1))], ["crosstalk"]) == {}  # it is not one of the tie
+def test_a_tie_stays_when_what_was_added_before_is_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is between them is fitted without it, too."""
+    dark, leak, noise = DarkCurrent(mean_fa=3.0), Leak(rate_per_s=0.1), ResetNoise(rms=0.02)
+    made: Any = object.__new__(Diagnosis)
+    made._session, made._seed, made._say = SimpleNamespace(problem="last"), 1, lambda _: None
+    made._look = lambda fit, added, fall, number: SimpleNamespace(
+        fit=fit, added=added, fall=fall, number=number, problem=made.problem
+    )
+    states = [
+        with_effects(None, ()),
+        with_effects(noise.id, (noise.id,), noise),
+        with_effects(dark.id, (dark.id, "stray_light"), noise, dark),
+        with_effects(leak.id, (leak.id, "light_drift"), noise, dark, leak),
+    ]
+    for state in states:
+        state.problem = "last"
+    made._states = list(states)
+
+    def without(_: Any, fit: Any, name: str, *__: Any) -> Any:
+        return SimpleNamespace(model=fit.model.without(name))
+
+    def to_take_out(_: Any, fit: Any, names: Sequence[str], *__: Any) -> Any:
+        return (noise.id, without(None, fit, noise.id)) if noise.id in names else None
+
+    monkeypatch.setattr(diagnosis, "is_explained", lambda *_: True)
+    monkeypatch.setattr(diagnosis, "to_take_out", to_take_out)
+    monkeypatch.setattr(diagnosis, "without", without)
+    monkeypatch.setattr(diagnosis, "deviance_beside", lambda *_: 0.0)
+    made._drop()
+    assert [state.added for state in made._states] == [None, dark.id, leak.id]
+    assert [state.fit.model.effects for state in made._states] == [(), (dark,), (dark, leak)]
+    assert [state.number for state in made._states[1:]] == [1, 2]
+    assert ties_of(made._states, [dark.id, leak.id]) == {dark.id: ("stray_light",), leak.id: ("light_drift",)}
 
 
 @pytest.mark.parametrize(("best", "rivals"), [

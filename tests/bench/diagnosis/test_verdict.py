@@ -51,9 +51,20 @@ def test_a_search_that_was_stopped_does_not_say_that_nothing_is_missing(
     added: tuple[str, ...], stopped: bool, expected: tuple[str, tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("bench.diagnosis.searching.verdict.is_explained", lambda *_: True)
-    states: Any = [SimpleNamespace(added=name) for name in (None, *added)]
+    monkeypatch.setattr("bench.diagnosis.searching.verdict.needless", lambda *_: False)
+    states: Any = [SimpleNamespace(added=name, fit=None) for name in (None, *added)]
     problem: Any = None
     assert verdict_of(problem, states, stopped) == expected
+
+
+def test_what_is_within_chance_of_nothing_in_the_end_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A person added it, or a sharper fit has shown it."""
+    monkeypatch.setattr("bench.diagnosis.searching.verdict.is_explained", lambda *_: True)
+    monkeypatch.setattr("bench.diagnosis.searching.verdict.needless", lambda _, __, name: name == "leak")
+    problem: Any = None
+    states: Any = [SimpleNamespace(added=name, fit=None) for name in (None, "crosstalk", "leak")]
+    assert verdict_of(problem, states) == ("explained", ("crosstalk",))
+    assert verdict_of(problem, [states[0], states[2]]) == ("nothing_missing", ())
 
 
 @pytest.fixture
