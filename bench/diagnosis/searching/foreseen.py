@@ -1,6 +1,6 @@
 """Points that were not taken yet, and how far two models of a run would be apart there.
 
-Both are simulated at the run's settings of the camera, in a window as large as the run's. The numbers of the first
+Both are simulated at the run's settings of the camera, in a small window that stands for the run's. The numbers of the first
 model may move as far as the run leaves them free, and take up what they can: that is what is left to tell the two
 apart once the new points are merged into the diagnosis.
 """
@@ -40,10 +40,8 @@ if TYPE_CHECKING:
 
 __all__ = ["apart_at", "planned_points"]
 
-#: Points that stand for all of a protocol, and the side of their window, if no other is asked for: what tells two
-#: models apart goes with the number of points and pixels.
+#: Points that stand for all of a protocol: what tells two models apart goes with their number.
 _POINTS: Final = 36
-_SIDE: Final = 16
 #: Effort of a simulation, and how often the two models are compared.
 _EFFORT: Final = 0.6
 _TIMES: Final = 3
@@ -53,7 +51,7 @@ _FARTHEST: Final = 0.3
 
 
 def planned_points(
-    points: Sequence[Point], like: PointData, model: PixelModel, ambient: Ambient | None = None, side: int = _SIDE
+    points: Sequence[Point], like: PointData, model: PixelModel, ambient: Ambient | None, side: int
 ) -> list[PointData]:
     """Return some points of a protocol as they will have been recorded, without their events.
 
