@@ -1,8 +1,8 @@
 """Points that were not taken yet, and how far two models of a run would be apart there.
 
-Both are simulated at the run's settings of the camera, in a small window that stands for the run's. The numbers of the first
-model may move as far as the run leaves them free, and take up what they can: that is what is left to tell the two
-apart once the new points are merged into the diagnosis.
+Both are simulated at the run's settings of the camera, in a small window that stands for the run's. The numbers of
+the first model may move as far as the run leaves them free, and take up what they can: that is what is left to tell
+the two apart once the new points are merged into the diagnosis.
 """
 
 from __future__ import annotations
