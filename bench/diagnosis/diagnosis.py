@@ -177,7 +177,7 @@ class Diagnosis:
             There is no such effect, or the model has it.
         """
         state = self._all()[-1]
-        self._states.append(self._with(self._refitted(state, [effect_id])[0], state))
+        self._states.append(self._with(self._refitted(state, [effect_id])[0]))
         return self._last_step()
 
     def undo(self) -> Step:
@@ -286,7 +286,7 @@ class Diagnosis:
             for depth, other in other_ways(self.problem, known)[:_DETOURS]:
                 self._say(f"step {depth + 1}: another way, with {other.effect}")
                 self._back_to([*known[:depth], proposing(self.problem, known[depth], other.effect)])
-                self._states = [*self._states, self._with(other, self._states[-1])]
+                self._states = [*self._states, self._with(other)]
                 self._drop()
                 self._go_on(most)
                 if is_explained(self.problem, self._states[-1]):
@@ -308,8 +308,9 @@ class Diagnosis:
             self._states.append(self._look(first, None, 0.0, 0))
         return self._states
 
-    def _with(self, found: Found, before: State) -> State:
-        """Return the state in which an effect was added to the one before."""
+    def _with(self, found: Found) -> State:
+        """Return the state in which an effect was added to the last one."""
+        before = self._states[-1]
         fall = share(self.problem, before.fit, found.deviance)
         self._session.problem = found.beside(self.problem)
         state = self._look(
@@ -407,7 +408,6 @@ class Diagnosis:
             name, again = found
             self._say(f"taking out {name}")
             left = self._left_without(name)
-            self._session.problem = last.problem
             self._states = [*left, self._look_again(left, again, last)]
 
     def _left_without(self, name: str) -> list[State]:
@@ -422,6 +422,7 @@ class Diagnosis:
                 left.append(self._look_again(left, again, state))
             else:
                 left.append(state)
+        self._session.problem = self._states[-1].problem
         return left
 
     def _last_step(self) -> Step:

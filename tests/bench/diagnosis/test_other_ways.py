@@ -165,8 +165,8 @@ def test_the_first_way_has_its_phases_again_once_others_have_failed(monkeypatch:
     monkeypatch.setattr(diagnosis, "is_explained", lambda *_: False)
     made._say = lambda _: None
 
-    def with_another(_: Any, before: Any) -> Any:
-        tried.append((made.problem, before.problem))
+    def with_another(_: Any) -> Any:
+        tried.append((made.problem, made._states[-1].problem))
         made._session.problem = 3.3
         return SimpleNamespace(problem=3.3)
 
