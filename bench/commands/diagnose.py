@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import threading
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,9 +22,10 @@ from bench.commands.common import (
 )
 from bench.commands.diagnosing import Teller, fit_options, model_of, open_runs, size_of
 from bench.commands.evaluating import DIAGNOSIS
+from bench.run.stop import StopFlag
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from bench.diagnosis.comparison import ResidualsByStep
     from bench.diagnosis.diagnosis import Diagnosis
@@ -39,6 +42,10 @@ __all__ = ["command"]
     "--max-effects", type=click.IntRange(0), default=3, show_default=True, metavar="N",
     help="Effects that are added at the most; with --interactive you say it.",
 )  # fmt: skip
+@click.option(
+    "--minutes", type=click.FloatRange(0, min_open=True), metavar="M",
+    help="End the search after so many minutes and keep what was found; without it, when all is tried.",
+)  # fmt: skip
 @click.option("--interactive", "by_hand", is_flag=True, help="Ask after each step which effect is to be added.")
 @effects_option
 @results_option
@@ -50,6 +57,7 @@ def command(
     workers: int,
     whole: bool,
     max_effects: int,
+    minutes: float | None,
     by_hand: bool,
     out: Path | None,
     as_json: bool,
@@ -57,8 +65,8 @@ def command(
     """Say which effects a pixel model of RUN lacks, add them, and show how the error falls.
 
     Several runs of one sensor are explained together. What is found is printed, and written to RUN/diagnosis: the
-    accepted model, tables of residuals, figures, and a page. `evs-bench report RUN` shows it too. Ctrl-C ends the
-    search and keeps what was found; a second one ends at once.
+    accepted model, tables of residuals, figures, and a page. `evs-bench report RUN` shows it too. Ctrl-C, a polite
+    kill, or --minutes ends the search and keeps what was found; a second Ctrl-C ends at once.
 
     Example:  evs-bench diagnose my_run --max-effects 2
     """
@@ -70,8 +78,8 @@ def command(
     from bench.logs import LOG_FILE, log_into
     from bench.report.diagnosis import PAGE
 
-    if by_hand and click.get_current_context().get_parameter_source("max_effects") is not ParameterSource.DEFAULT:
-        raise click.UsageError("--max-effects says nothing with --interactive; expected one of the two")
+    if by_hand:
+        _for_a_search("max_effects", "minutes")
     model = model_of(model_file)
     opened = open_runs(runs)
     results = results_folder(runs[0], out)
@@ -85,7 +93,7 @@ def command(
             def search() -> Outcome:
                 return _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
 
-            outcome, cut_short = _until_stopped(diagnosis, search, tell)
+            outcome, cut_short = _until_stopped(diagnosis, search, tell, minutes)
             residuals = residuals_by_step(diagnosis.problem, diagnosis.fits) if outcome.steps else {}
         tell("drawing the figures")
         _save(outcome, residuals, folder)
@@ -101,15 +109,43 @@ def command(
     say(where)
 
 
-def _until_stopped(diagnosis: Diagnosis, search: Callable[[], Outcome], tell: Teller) -> tuple[Outcome, bool]:
-    """Return what a search found, or had found when Ctrl-C ended it; and whether it did."""
+def _for_a_search(*names: str) -> None:
+    """Refuse options that say when a search ends: by hand a person says it."""
+    context = click.get_current_context()
+    for name in names:
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            option = name.replace("_", "-")
+            raise click.UsageError(f"--{option} says nothing with --interactive; expected one of the two")
+
+
+def _until_stopped(
+    diagnosis: Diagnosis, search: Callable[[], Outcome], tell: Teller, minutes: float | None
+) -> tuple[Outcome, bool]:
+    """Return what a search found, or had found when it was ended; and whether a person or a kill ended it."""
+    stop = StopFlag()
     try:
-        return search(), False
+        with stop.listening(), stop.idle(), _time_limit(stop, minutes):
+            return search(), False
     except KeyboardInterrupt:
         if not diagnosis.begun:
-            raise
-        tell("stopping with what was found so far (Ctrl-C: at once)")
-        return diagnosis.outcome(measure_next=False), True
+            raise KeyboardInterrupt(f"{stop.reason}, before the model was fitted" if stop.reason else "") from None
+    tell(f"{stop.reason or 'stopping'}, with what was found so far (Ctrl-C: at once)")
+    return diagnosis.outcome(measure_next=False), not stop.reason
+
+
+@contextmanager
+def _time_limit(stop: StopFlag, minutes: float | None) -> Iterator[None]:
+    """Stop after so many minutes."""
+    if minutes is None:
+        yield
+        return
+    timer = threading.Timer(60 * minutes, stop.at_once, [f"stopped after {minutes:g} minutes"])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _print(line: str) -> None:

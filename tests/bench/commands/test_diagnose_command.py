@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -11,7 +14,6 @@ from click.testing import CliRunner
 
 from bench import cli
 from bench.commands.diagnose import command
-from protocols.errors import InputError
 from sim_backend.pixel import read_model_file
 
 if TYPE_CHECKING:
@@ -81,6 +83,17 @@ class Stub:
 def stop(*_: object) -> Outcome:
     """Stand for a person who presses Ctrl-C."""
     raise KeyboardInterrupt
+
+
+def search_long(*_: object) -> Outcome:
+    time.sleep(30)
+    pytest.fail("nothing ended the search")
+
+
+def killed(*_: object) -> Outcome:
+    """Stand for a search that a batch system ends."""
+    os.kill(os.getpid(), signal.SIGTERM)
+    return search_long()
 
 
 def nothing_begun(stub: Stub) -> Stub:
@@ -162,7 +175,7 @@ def test_ctrl_c_keeps_what_was_found_so_far(
     assert code == cli.EXIT_STOPPED
     assert Stub.asked["measure_next"] is False  # that would take as long as the search
     assert (written["verdict"], written["stopped"], written["missing"]) == ("unexplained", True, [])
-    assert "stopping with what was found so far" in err
+    assert "stopping, with what was found so far" in err
     assert err.splitlines()[-1].startswith("evs-bench: stopped; model, tables and figures are in ")
     assert json.loads(out) == written if options == ("--json",) else "verdict: unexplained so far" in out
 
@@ -174,6 +187,40 @@ def test_ctrl_c_before_anything_was_found_writes_nothing(
     monkeypatch.setattr(Stub, "__enter__", nothing_begun)
     assert cli.run(["diagnose", str(folder), "--out", str(tmp_path)]) == cli.EXIT_STOPPED
     assert not (tmp_path / "diagnosis").exists()
+
+
+def test_a_search_ends_with_its_time(
+    diagnose: Callable[..., Any], folder: Path, tmp_path: Path, explained: Outcome, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Stub, "found", replace(explained, verdict="unexplained", stopped=True))
+    monkeypatch.setattr(Stub, "run", search_long)
+    done = diagnose("--minutes", "0.002")
+    assert done.exit_code == 0  # as was asked for
+    assert "stopped after 0.002 minutes, with what was found so far" in done.stderr
+    assert "verdict: unexplained so far" in done.stdout
+    assert json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())["stopped"] is True
+
+
+def test_a_time_too_short_for_anything_is_said_to_be(
+    diagnose: Callable[..., Any], folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr(Stub, "run", search_long)
+    monkeypatch.setattr(Stub, "__enter__", nothing_begun)
+    assert cli.run(["diagnose", str(folder), "--out", str(tmp_path), "--minutes", "0.002"]) == cli.EXIT_STOPPED
+    assert capfd.readouterr().err.endswith("evs-bench: stopped after 0.002 minutes, before the model was fitted\n")
+    assert not (tmp_path / "diagnosis").exists()
+
+
+def test_a_polite_kill_keeps_what_was_found_so_far(
+    diagnose: Callable[..., Any], folder: Path, tmp_path: Path, explained: Outcome, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Stub, "found", replace(explained, verdict="unexplained", stopped=True))
+    monkeypatch.setattr(Stub, "run", killed)
+    before = signal.getsignal(signal.SIGTERM)
+    assert cli.run(["diagnose", str(folder), "--out", str(tmp_path)]) == cli.EXIT_STOPPED
+    assert json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())["stopped"] is True
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_by_hand_with_json_keeps_the_tables_off_stdout(diagnose: Callable[..., Any]) -> None:
@@ -222,18 +269,10 @@ def test_bad_input_is_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_who_picks_says_when_it_is_enough(diagnose: Callable[..., Any]) -> None:
-    done = diagnose("--interactive", "--max-effects", "2")
+@pytest.mark.parametrize("option", ["--max-effects", "--minutes"])
+def test_who_picks_says_when_it_is_enough(diagnose: Callable[..., Any], option: str) -> None:
+    done = diagnose("--interactive", option, "2")
     assert done.exit_code == 2
-    assert "--max-effects says nothing with --interactive" in done.stderr
+    assert f"{option} says nothing with --interactive" in done.stderr
     diagnose()
     assert Stub.asked["most"] == 3
-
-
-def test_what_stands_in_the_way_of_the_results_is_told_at_once(diagnose: Callable[..., Any], tmp_path: Path) -> None:
-    (tmp_path / "diagnosis").write_text("notes")
-    Stub.asked.clear()
-    with pytest.raises(InputError, match="diagnosis: is a file; expected a folder"):
-        diagnose()
-    assert not Stub.asked
-    assert (tmp_path / "diagnosis").read_text() == "notes"
