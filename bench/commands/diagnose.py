@@ -139,7 +139,7 @@ def _time_limit(stop: StopFlag, minutes: float | None) -> Iterator[None]:
     if minutes is None:
         yield
         return
-    timer = threading.Timer(60 * minutes, stop.at_once, [f"stopped after {minutes:g} minutes"])
+    timer = threading.Timer(60 * minutes, stop.at_once, [f"stopped after {minutes:g} min"])
     timer.daemon = True
     timer.start()
     try:

@@ -196,7 +196,7 @@ def test_a_search_ends_with_its_time(
     monkeypatch.setattr(Stub, "run", search_long)
     done = diagnose("--minutes", "0.002")
     assert done.exit_code == 0  # as was asked for
-    assert "stopped after 0.002 minutes, with what was found so far" in done.stderr
+    assert "stopped after 0.002 min, with what was found so far" in done.stderr
     assert "verdict: unexplained so far" in done.stdout
     assert json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())["stopped"] is True
 
@@ -208,7 +208,7 @@ def test_a_time_too_short_for_anything_is_said_to_be(
     monkeypatch.setattr(Stub, "run", search_long)
     monkeypatch.setattr(Stub, "__enter__", nothing_begun)
     assert cli.run(["diagnose", str(folder), "--out", str(tmp_path), "--minutes", "0.002"]) == cli.EXIT_STOPPED
-    assert capfd.readouterr().err.endswith("evs-bench: stopped after 0.002 minutes, before the model was fitted\n")
+    assert capfd.readouterr().err.endswith("evs-bench: stopped after 0.002 min, before the model was fitted\n")
     assert not (tmp_path / "diagnosis").exists()
 
 
