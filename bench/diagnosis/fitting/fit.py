@@ -78,7 +78,9 @@ def fit(
     return finish(problem, approach(problem, model, slots, x, seed=seed, wrong=_ANYWHERE))
 
 
-def finish(problem: Problem, near: Approach, *, precise: bool = False, beat: float = math.inf) -> Fit:
+def finish(
+    problem: Problem, near: Approach, *, precise: bool = False, beat: float = math.inf, effort: float = 1.0
+) -> Fit:  # fmt: skip
     """Go to the minimum with more effort, and return the fit there.
 
     Parameters
@@ -87,9 +89,11 @@ def finish(problem: Problem, near: Approach, *, precise: bool = False, beat: flo
         Of what takes long as many pixels are simulated as of the base pixel, however long that takes.
     beat
         The loss of the best of other models: what comes nowhere near it is not worth the effort.
+    effort
+        So many times as much is simulated as usual.
     """
     model, slots, start = near.model, near.slots, near.start
-    there = _minimum(problem, near, precise, beat)
+    there = _minimum(problem, near, precise, beat, effort)
     here, jacobian = there.expected, there.jacobian
     x, value = _last_step(problem, here, jacobian, slots, there.at, start, _LAST if there.close else _SHORTEST)
     models = problem.models(model, slots, x)
@@ -141,10 +145,10 @@ class _Minimum:
     close: bool  #: the model is not far off
 
 
-def _minimum(problem: Problem, near: Approach, precise: bool, beat: float) -> _Minimum:
+def _minimum(problem: Problem, near: Approach, precise: bool, beat: float, times: float) -> _Minimum:
     """Go from place to place; what is expected is known from all that are close by, the better the more there are."""
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
-    more = max(problem.cost(problem.models(model, slots, at)), 1.0) if precise else 1.0
+    more = times * (max(problem.cost(problem.models(model, slots, at)), 1.0) if precise else 1.0)
 
     def look(x: Floats, number: int) -> tuple[Sequence[Sensor], Expectation]:
         found = problem.simulate([problem.models(model, slots, x)], seed + 10 * number, _FINE * more)[0]
