@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from bench import cli
 from bench.commands.diagnose import command
+from protocols.errors import InputError
 from sim_backend.pixel import read_model_file
 
 if TYPE_CHECKING:
@@ -276,3 +277,12 @@ def test_who_picks_says_when_it_is_enough(diagnose: Callable[..., Any], option: 
     assert f"{option} says nothing with --interactive" in done.stderr
     diagnose()
     assert Stub.asked["most"] == 3
+
+
+def test_what_stands_in_the_way_of_the_results_is_told_at_once(diagnose: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "diagnosis").write_text("notes")
+    Stub.asked.clear()
+    with pytest.raises(InputError, match="diagnosis: is a file; expected a folder"):
+        diagnose()
+    assert not Stub.asked
+    assert (tmp_path / "diagnosis").read_text() == "notes"
