@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
 
-__all__ = ["EXPLAINS", "asks_for_more", "from_here", "is_costly", "sharpened"]
+__all__ = ["EXPLAINS", "NEARBY", "asks_for_more", "from_here", "is_costly", "sharpened"]
 
 #: A deviance that is larger than that of a true model by more than this factor is not that of too little effort.
-_NEARBY: Final = 2.0
+NEARBY: Final = 2.0
 #: A fit explains a run once its error is that of a true model, but for a tenth: a larger one may be that of too
 #: little effort, be it within chance or not.
 EXPLAINS: Final = 1.1
@@ -35,7 +35,7 @@ _CHEAP: Final = 1.5
 def asks_for_more(problem: Problem, found: Fit) -> bool:
     """Return whether little was simulated of a fit, and more is left than chance or an explanation leaves."""
     error = deviance_per_dof(problem, found)
-    if error > _NEARBY or not (error > EXPLAINS or leaves_more_than_chance(problem, found)):
+    if error > NEARBY or not (error > EXPLAINS or leaves_more_than_chance(problem, found)):
         return False
     return is_costly(problem, found)
 

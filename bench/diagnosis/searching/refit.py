@@ -19,7 +19,7 @@ from bench.diagnosis.fitting.judging import (
     loss_left,
     share,
 )
-from bench.diagnosis.fitting.sharpening import EXPLAINS, from_here, is_costly, sharpened
+from bench.diagnosis.fitting.sharpening import EXPLAINS, NEARBY, from_here, is_costly, sharpened
 from bench.diagnosis.searching.race import Raced, entrant, near_by, race
 from bench.diagnosis.searching.valley import through_the_valley
 
@@ -53,7 +53,6 @@ _FALLING: Final = 0.8
 _ON: Final = 1000
 #: Where the best comes near to explaining the run and does not, chance in the changes by which it goes to its minimum
 #: may have kept it from there: it goes there with so much more effort.
-_NEAR: Final = 2.0
 _EFFORT: Final = 4.0
 _SHARPER: Final = 1200
 #: Of so many of the best the phases of a ripple follow, with seeds that are so far apart.
@@ -198,7 +197,7 @@ def _gone_on(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
 
 def _with_more_effort(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
     """Return a model that nearly explains the run, fitted on with more effort if that is better."""
-    if not EXPLAINS < deviance_per_dof(problem, found.fit) <= _NEAR:
+    if not EXPLAINS < deviance_per_dof(problem, found.fit) <= NEARBY:
         return found
     again = finish(problem, from_here(problem, found.fit, seed), effort=_EFFORT)
     left = deviance_beside(problem, again, here)
