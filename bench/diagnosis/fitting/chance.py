@@ -11,6 +11,7 @@ import numpy as np
 from bench.diagnosis.expected.residuals import expectation, measured
 from bench.diagnosis.expected.same_law import representatives
 from bench.diagnosis.fitting.fitted import live, prior_precision, whiten
+from bench.diagnosis.fitting.normal import solved
 from bench.diagnosis.recorded.summary import add
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def frozen_of(problem: Problem, found: Fit, models: Sequence[PixelModel], seen: 
     points = problem.measured.points
     columns = found.whiten(found.jacobian.mean(axis=0), points)
     left = columns.T @ columns + np.diag(prior_precision(found.slots))
-    weights = np.linalg.lstsq(left, columns.T, rcond=1e-10)[0]
+    weights = solved(left, columns.T)
     laws = np.unique(representatives(problem.points, models), return_inverse=True)[1]
     groups = int(laws.max(initial=0)) + 1
     if groups == 1:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.fitting import robust
+from bench.diagnosis.fitting.normal import inverse, solved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,10 +27,6 @@ __all__ = ["Fit", "live", "prior_precision", "solve", "whiten"]
 _KNOWN: Final = 1e5
 #: A smaller variance is that of a number of which nothing is known.
 _NONE: Final = 1e-100
-#: Of a direction with less information, beside that of its coordinates by themselves, nothing is known; and neither
-#: of the coordinates that have such a part in it.
-_NO_DIRECTION: Final = 1e-9
-_PART_OF: Final = 1e-3
 #: Combinations of statistics that hardly vary are left out: their rows are zero.
 _LIVE: Final = 1e-5
 
@@ -78,7 +75,7 @@ class Fit:
         changes, chance = 0.5 * (first + second), 0.5 * (first - second)
         seen = robust.without(changes.T @ changes, chance.T @ chance)
         information = seen + np.diag(prior_precision(self.slots))
-        found, unknown = _inverse(information)
+        found, unknown = inverse(information)
         if self.frozen is not None:
             found = found + np.diag(self.frozen)
         own = np.maximum(np.diag(found), _NONE)
@@ -98,19 +95,9 @@ class Fit:
         prior = prior_precision(self.slots)
         left = sum((a for a, _ in parts), np.diag(prior))
         right = sum((b for _, b in parts), prior * (self.start - self.x))
-        moved = np.stack([np.linalg.lstsq(left - a, right - b, rcond=1e-10)[0] for a, b in parts])
+        moved = np.stack([solved(left - a, right - b) for a, b in parts])
         n = len(moved)
         return np.asarray((n - 1.0) * moved.var(axis=0))
-
-
-def _inverse(information: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return the covariance (k, k), and of which coordinates (k,) nothing is known, whatever their units."""
-    scale = np.sqrt(np.diag(information))
-    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
-    kept = values > _NO_DIRECTION
-    found = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T * np.outer(unit, unit)
-    return found, np.sum(vectors[:, ~kept] ** 2, axis=1) > _PART_OF
 
 
 def whiten(roots: Sequence[Floats], values: Floats, points: Sequence[slice]) -> Floats:
@@ -130,5 +117,4 @@ def prior_precision(slots: Sequence[Slot]) -> Floats:
 
 def solve(columns: Floats, residual: Floats, prior: Floats) -> Floats:
     """Return the least-squares coordinates of `residual` in `columns`, with a prior precision of each."""
-    left = columns.T @ columns + np.diag(prior)
-    return np.asarray(np.linalg.lstsq(left, columns.T @ residual, rcond=1e-10)[0])
+    return solved(columns.T @ columns + np.diag(prior), columns.T @ residual)

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.fitting.normal import units
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -94,8 +96,7 @@ def without(products: Floats, chance: Floats) -> Floats:
     Where nearly all is chance a direction would be left in which columns do not move at all, and a step along it
     might go anywhere.
     """
-    scale = np.sqrt(np.maximum(np.diag(products), 0.0))
-    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    scale, unit = units(products)
     values, vectors = np.linalg.eigh(products * np.outer(unit, unit))
     kept = values > _NO_DIRECTION * values[-1]
     root, inverse = vectors[:, kept] * np.sqrt(values[kept]), vectors[:, kept] / np.sqrt(values[kept])
@@ -110,16 +111,14 @@ def positive(matrix: Floats) -> Floats:
 
     A coordinate of which nothing but chance is known is left at zero.
     """
-    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    scale, unit = units(matrix)
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T) * np.outer(unit, unit))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
 def _bounded(left: Floats, right: Floats, lowest: Floats, highest: Floats) -> Floats:
     """Return the minimum of the quadratic form ``c left c / 2 - right c`` within bounds."""
-    scale = np.sqrt(np.diag(left))
-    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    scale, unit = units(left)
     values, vectors = np.linalg.eigh(left * np.outer(unit, unit))
     kept = values > _NO_DIRECTION * values[-1]
     roots = np.sqrt(values[kept])

@@ -102,11 +102,11 @@ def slopes(
     columns = np.column_stack([levels, np.stack([s.at - at for s in samples])[:, ~offset]])
     root = np.sqrt(weight)[:, None]
     scale = np.array([*np.ones(levels.shape[1]), *np.maximum(np.abs(directions).max(axis=1)[~offset], 1e-300)])
-    back = np.linalg.pinv(root * columns * scale) * root[:, 0]
+    back = np.linalg.pinv(root * columns / scale) * root[:, 0]
     out = np.zeros((2, len(here.value), len(slots)))
     for half in range(2):
         values = np.stack([s.halves[half] - np.sum((s.at - at)[delayed]) * late for s in samples])
-        out[half][:, ~offset] = ((back @ values) * scale[:, None])[levels.shape[1] :].T
+        out[half][:, ~offset] = ((back @ values) / scale[:, None])[levels.shape[1] :].T
     # What a delay does to anything but latencies, by the dead time that begins later, is not known.
     for i in np.flatnonzero(offset | delayed):
         out[:, :, i] = np.where(late != 0.0, late, out[:, :, i])

@@ -16,6 +16,7 @@ import numpy as np
 from bench.diagnosis.expected.parameters import ALIGNMENT
 from bench.diagnosis.expected.problem import Problem, settings_of
 from bench.diagnosis.expected.residuals import measured
+from bench.diagnosis.fitting.normal import inverse, solved
 from bench.diagnosis.fitting.slopes import sample_of, samples_around, slopes
 from bench.diagnosis.fitting.steps import longest_of
 from bench.diagnosis.recorded.recording import Frame, Recording
@@ -111,7 +112,7 @@ def apart_at(
     (change,) = differences(there, new, base, [[rival] * len(points)], seed + 2, _EFFORT, _TIMES)
     columns = new.whiten(new.jacobian.mean(axis=0), there.measured.points)
     left = columns.T @ columns + _precision(covariance) / of_all
-    taken = np.linalg.lstsq(left, columns.T @ change.T, rcond=1e-10)[0]
+    taken = solved(left, columns.T @ change.T)
     return math.sqrt(max(surely(change, change - (columns @ taken).T), 0.0) * of_all)
 
 
@@ -162,5 +163,5 @@ def _precision(covariance: Floats) -> Floats:
     """Return the inverse; nothing is known of numbers of infinite variance."""
     known = np.isfinite(np.diag(covariance))
     found = np.zeros_like(covariance)
-    found[np.ix_(known, known)] = np.linalg.pinv(covariance[np.ix_(known, known)], rcond=1e-12, hermitian=True)
+    found[np.ix_(known, known)] = inverse(covariance[np.ix_(known, known)])[0]
     return found

@@ -9,7 +9,7 @@ import pytest
 
 from bench.diagnosis.expected.parameters import base_parameters
 from bench.diagnosis.expected.problem import Slot
-from bench.diagnosis.fitting.fitted import Fit
+from bench.diagnosis.fitting.fitted import Fit, solve
 from sim_backend.pixel import PixelModel
 
 POINTS, EACH = 25, 8
@@ -69,3 +69,23 @@ def test_of_a_number_that_changes_nothing_nothing_is_known() -> None:
     found = np.diag(_of_columns(halves).covariance(WHERE))
     assert found[0] == pytest.approx(1.0 / N)
     assert np.isinf(found[1])
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-9])
+def test_intervals_do_not_depend_on_the_unit_in_which_another_number_is_counted(unit: float) -> None:
+    """Neither by chance nor by how points disagree."""
+    rng = np.random.default_rng(7)
+    one = _of_columns(np.tile(rng.normal(size=(N, 3)), (2, 1, 1)))
+    one = replace(one, residual=rng.normal(size=N) + np.repeat(rng.normal(scale=2.0, size=POINTS), EACH))
+    before = one.covariance(WHERE)
+    units = np.array([1.0, unit, 1.0])
+    after = replace(one, jacobian=one.jacobian / units).covariance(WHERE)
+    np.testing.assert_allclose(after, before * np.outer(units, units), rtol=1e-6)
+
+
+def test_a_solution_does_not_depend_on_the_units_either() -> None:
+    rng = np.random.default_rng(8)
+    columns, residual, units = rng.normal(size=(N, 3)), rng.normal(size=N), np.array([1e3, 1e-9, 1.0])
+    before = solve(columns, residual, np.array([0.0, 2.0, 5.0]))
+    after = solve(columns / units, residual, np.array([0.0, 2.0, 5.0]) / units**2)
+    np.testing.assert_allclose(after, before * units, rtol=1e-9)

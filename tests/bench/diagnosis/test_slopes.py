@@ -37,3 +37,17 @@ def test_how_a_line_bends_is_no_slope_of_what_is_at_its_bound(second: float) -> 
     problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
     found = slopes(problem, _SLOTS, at, here, samples, directions)
     np.testing.assert_allclose(found, np.tile(_SLOPE, (2, 1, 1)), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-12])
+def test_what_is_counted_in_another_unit_changes_as_much(unit: float) -> None:
+    """One over a rate is known to 1e-9 s, the logarithm of a threshold to 1e-3."""
+    at = np.array([0.1, 0.5 * unit])
+    directions = np.array([[0.1, 0.1], [0.02 * unit, -0.02 * unit]])
+    there = np.diag([1.0, 1.0 / unit])
+    places = [(at + sign * way, i) for i, way in enumerate(directions.T) for sign in (1.0, -1.0)]
+    samples = [Sample(x, np.tile(_SLOPE @ there @ x, (2, 1)), 100.0, pair) for x, pair in places]
+    here = cast("Any", SimpleNamespace(value=_SLOPE @ there @ at))
+    problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
+    found = slopes(problem, _SLOTS, at, here, samples, directions)
+    np.testing.assert_allclose(found, np.tile(_SLOPE @ there, (2, 1, 1)), rtol=1e-6, atol=1e-6)
