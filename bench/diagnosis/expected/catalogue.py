@@ -190,8 +190,6 @@ _RESTLESS: Final = frozenset({"light_drift", "light_flicker", "high_pass"})
 
 def _takes_hours(ids: Collection[str]) -> bool:
     """Return whether effects together go sample by sample, hundreds of times as slow: they are not looked for so."""
-    if {"high_pass", "low_frequency_noise"} <= set(ids):
-        return True
     return "light_rise_time" in ids and not _RESTLESS.isdisjoint(ids) and not _MORE_POLES.isdisjoint(ids)
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["sharpened_hz"]
 
 #: Frequencies that are tried: so far beside each line in such steps, then in finer ones beside the best, Hz.
-_TRIED_HZ: Final = ((0.5, 0.02), (0.02, 0.002))
+_TRIED_HZ: Final = ((0.5, 0.02), (0.06, 0.002))
 #: Bins of a period of the highest of them.
 _BINS: Final = 8.0
 _DIGITS: Final = 4
@@ -35,6 +35,8 @@ _DIGITS: Final = 4
 _LEFT: Final = 0.02
 #: Frequencies of a spectrum beside those that it tells apart.
 _FINER: Final = 4
+#: What a wave takes of one recording of pulses counts up to so many times what it takes of most.
+_MORE_THAN_MOST: Final = 10.0
 #: So many numbers are worked on at a time.
 _AT_ONCE: Final = 1 << 22
 
@@ -47,13 +49,28 @@ def sharpened_hz(points: Sequence[PointData], lines_hz: Sequence[float]) -> floa
     """
     width_s = 1.0 / (_BINS * max(lines_hz))
     known = [(bins, counts_of(point, bins)) for point in points if (bins := bins_of(point, width_s)) is not None]
+    pulsed = np.array([bins.rows > 1 for bins, _ in known])
     best = np.array(lines_hz)
     for reach, step in _TRIED_HZ:
         beside = step * np.arange(-round(reach / step), round(reach / step) + 1)
         at = np.unique(np.round(best[:, None] + beside, _DIGITS))
-        power = np.sum(_powers(known, at), axis=0)
+        powers = _powers(known, at)
+        # Which line it is, most recordings agree on; where it is, those tell in which it is strong.
+        power = _agreed(powers, pulsed) if len(best) > 1 else np.sum(powers, axis=0)
         best = at[[int(np.argmax(power))]]
     return float(best[0])
+
+
+def _agreed(powers: Floats, pulsed: npt.NDArray[np.bool_]) -> Floats:
+    """Return (f,) the sum of what waves take of all points, (points, f).
+
+    A ripple is in all recordings. What a few of them do from pulse to pulse, as they settle, is slow beside the
+    pulses, as strong as a ripple, and in few of them.
+    """
+    if not pulsed.any():
+        return np.asarray(np.sum(powers, axis=0))
+    most = _MORE_THAN_MOST * np.median(powers[pulsed], axis=0)
+    return np.asarray(np.sum(np.where(pulsed[:, None], np.minimum(powers, most), powers), axis=0))
 
 
 def _powers(known: Sequence[tuple[Bins, Floats]], at: Floats) -> Floats:

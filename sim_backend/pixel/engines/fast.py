@@ -99,8 +99,8 @@ class FastEngine:
         Number of threads; None for as many as there are processors for this process.
     quiet_high_pass
         Up to this corner of a high-pass, beside that of the source follower, what it remembers of the noise is left
-        out, and only its share of the variance is taken off. That is some twenty times as fast, and no longer the
-        same distribution.
+        out, and only its share of the variance is taken off; slow noise also becomes quicker. That is some twenty
+        times as fast, and no longer the same distribution.
     steady_leak
         A leak that follows the light follows its levels, not how these drift, flicker or rise. Beside the leak of a
         level that is little, and it is hundreds of times as fast; but no longer the same distribution.
@@ -167,14 +167,31 @@ class FastEngine:
         """Return the chain with the noise that a high-pass leaves over, if that may be left out.
 
         Of the variance of noise behind a low-pass of corner f, a high-pass of corner h leaves the share f / (f + h).
-        Beside slow noise it leaves much less, and nothing is left out.
+        Slow noise passes by itself: see :func:`_slow_share`.
         """
-        if not 0.0 < chain.high_pass_hz <= self.quiet_high_pass * chain.corner_hz or chain.slow_rms > 0.0:
+        if not 0.0 < chain.high_pass_hz <= self.quiet_high_pass * chain.corner_hz:
             return None
         if _has_more_than_one_pole(chain) and not self.stepped_light:
             return None
         left = chain.corner_hz / (chain.corner_hz + chain.high_pass_hz)
-        return replace(chain, noise_rms=chain.noise_rms * math.sqrt(left), shot_factor=chain.shot_factor * left)
+        chain = replace(chain, noise_rms=chain.noise_rms * math.sqrt(left), shot_factor=chain.shot_factor * left)
+        if chain.slow_rms == 0.0:
+            return chain
+        share = _slow_share(2.0 * math.pi * chain.high_pass_hz * chain.slow_tau_s)
+        return replace(chain, slow_rms=chain.slow_rms * math.sqrt(share), slow_tau_s=chain.slow_tau_s * share)
+
+
+def _slow_share(q: float) -> float:
+    """Return the share that a high-pass leaves of slow noise: of its variance, and of its time.
+
+    Noise of the covariance ``exp(-t)`` behind a high-pass of the rate q has ``(exp(-t) - q exp(-q t)) / (1 - q^2)``
+    (the partial fractions of both): a variance of 1 / (1 + q), and a dip below nothing, so that after that time it is
+    farther from where it was than later. Exponential covariance that is as far away at the dip, and goes as fast at
+    first, is what is returned.
+    """
+    log = -1.0 if q == 1.0 else math.log(q) / (1.0 - q)
+    dip = math.exp(2.0 * log) / q
+    return (1.0 + dip) / (1.0 + q)
 
 
 def _with_injection_in_thresholds(chain: Chain) -> Chain:

@@ -9,7 +9,7 @@ import pytest
 from bench.diagnosis.expected.catalogue import candidates, free_of, probe_of, why_not
 from bench.diagnosis.expected.parameters import base_parameters, move, put
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import DarkCurrent, Effect, HighPass, Leak
+from sim_backend.pixel.effects import DarkCurrent, Effect, HighPass, Leak, LightRiseTime
 from sim_backend.pixel.effects.registry import effects
 
 ALL = sorted(effects())
@@ -66,12 +66,17 @@ def test_what_other_thresholds_would_do_too_is_not_proposed() -> None:
 @pytest.mark.parametrize(
     ("effect_id", "has", "reason"),
     [
-        ("leak", Leak(), "the model has it already"),
-        ("contrast_error", Leak(), "other thresholds do the same, and they are fitted"),
-        ("nd_error", Leak(), "no filter was in the light"),
-        ("low_frequency_noise", HighPass(), "beside what the model has it is simulated sample by sample, for hours"),
+        ("leak", (Leak(),), "the model has it already"),
+        ("contrast_error", (Leak(),), "other thresholds do the same, and they are fitted"),
+        ("nd_error", (Leak(),), "no filter was in the light"),
+        (
+            "photoreceptor_bandwidth",
+            (LightRiseTime(), HighPass()),
+            "beside what the model has it is simulated sample by sample, for hours",
+        ),
     ],
 )
-def test_why_an_effect_is_not_looked_for_is_said(effect_id: str, has: Effect, reason: str) -> None:
-    assert why_not(effects()[effect_id], PixelModel() + has, []) == reason
-    assert why_not(effects()["dark_current"], PixelModel() + has, []) is None
+def test_why_an_effect_is_not_looked_for_is_said(effect_id: str, has: tuple[Effect, ...], reason: str) -> None:
+    model = PixelModel(effects=has)
+    assert why_not(effects()[effect_id], model, []) == reason
+    assert why_not(effects()["dark_current"], model, []) is None

@@ -116,6 +116,7 @@ RECEPTOR = {"photoreceptor_bandwidth": {"hz_per_fa": 5.0}}
         ({"light_drift": {"rate_per_s": -0.8}, "low_frequency_noise": {"rms": 0.04, "tau_s": 0.5}}, 2.0),
         ({"high_pass": {"corner_hz": 12.0}, "shot_noise": {"factor": 0.3}}, 2.0),
         ({"high_pass": {"corner_hz": 3.0}, **RECEPTOR}, 0.08),
+        ({"high_pass": {"corner_hz": 9.0}, "low_frequency_noise": {"rms": 0.05, "tau_s": 0.1}}, 2.0),
         (FLICKER, 2.0),
         ({"light_drift": {"rate_per_s": 1.0}, "contrast_error": {"gain_error": -0.05}}, 2.0),
         ({"high_pass": {"corner_hz": 8.0}}, 2.0),
@@ -148,3 +149,20 @@ def counts(engine: FastEngine | ReferenceEngine, model: PixelModel, light: Light
 def apart(one: np.ndarray, other: np.ndarray) -> float:
     """Return the mean square of the differences beside their variance, if counts were those of chance."""
     return float(np.mean((one - other) ** 2 / np.maximum(one + other, 1.0)))
+
+
+@pytest.mark.parametrize("q", [0.05, 0.5, 1.0, 3.0])
+def test_slow_noise_behind_a_high_pass_goes_as_far_as_its_law_says(q: float) -> None:
+    """The mean square of its steps, from the spectrum, beside that of the exponential law in its place."""
+    from sim_backend.pixel.engines.fast import _slow_share
+
+    share = _slow_share(q)
+    w = np.geomspace(1e-4, 1e4, 200_001)
+    density = 2.0 / np.pi * w**2 / (w**2 + q**2) / (w**2 + 1.0)
+
+    def steps(t: float) -> float:
+        return float(np.trapezoid(density * (1.0 - np.cos(w * t)), w)) * 2.0
+
+    for t in (0.01, 0.1, 0.3, 1.0, 2.0):
+        mine = 2.0 * share * -np.expm1(-t / share)
+        assert mine == pytest.approx(steps(t), rel=0.08), t
