@@ -37,7 +37,12 @@ def test_chance_is_no_ripple() -> None:
 
 
 def answers(
-    rng: np.random.Generator, depth: float, hz: float, period_s: float, seconds: float = SECONDS, settling: float = 0.0
+    rng: np.random.Generator,
+    depth: float,
+    hz: float,
+    period_s: float,
+    seconds: float = SECONDS,
+    settling: float = 0.0,
 ) -> Any:
     """Return a point with pulses that are answered sooner and more often at some phase of a ripple.
 
