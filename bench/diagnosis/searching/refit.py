@@ -111,6 +111,8 @@ def refitted(
         fits.follow_phases()
         fits.through_valleys(ways)
         fits.go_on()
+    else:
+        fits.look_closer()
     hopeless = frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless)
     return Refitted(tuple(fits.found.values()), hopeless)
 
@@ -159,6 +161,16 @@ class _Fits:
             if other is not None:
                 self.add(k, other)
 
+    def look_closer(self) -> None:
+        """Fit those on with more effort that keep little of what straight lines promised of them.
+
+        Near a true model a look differs by chance as much as by the effect, and a fit stops on its way.
+        """
+        before = deviance_beside(self._problem, self._here, self._here)
+        for k, one in self.found.items():
+            if self._promised[k] > _PROMISE and before - one.deviance < _SHORT * self._promised[k]:
+                self.found[k] = _more_effort(self._problem, self._here, one, self._seed + _SHARPER)
+
     def go_on(self) -> None:
         """Fit the best of them on."""
         if self.found:
@@ -199,6 +211,11 @@ def _with_more_effort(problem: Problem, here: Fit, found: Found, seed: int) -> F
     """Return a model that nearly explains the run, fitted on with more effort if that is better."""
     if not EXPLAINS < deviance_per_dof(problem, found.fit) <= NEARBY:
         return found
+    return _more_effort(problem, here, found, seed)
+
+
+def _more_effort(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
+    """Return a fit that goes on with more effort if it is better."""
     again = finish(problem, from_here(problem, found.fit, seed), effort=_EFFORT)
     left = deviance_beside(problem, again, here)
     return replace(found, fit=again, deviance=left) if left < found.deviance else found

@@ -68,3 +68,34 @@ def test_others_are_left(
     kept: Callable[..., tuple[Any, bool]], loss: float, promised: float, costly: bool
 ) -> None:  # fmt: skip
     assert kept(loss, promised, costly=costly) == (loss, False)
+
+
+@pytest.mark.parametrize(
+    ("deviance", "promised", "kept", "efforts"),
+    [
+        (749.0, 40.0, 712.0, [4.0]),  # hardly anything of the promise came
+        (749.0, 9.0, 749.0, []),  # the promise is that of chance
+        (725.0, 40.0, 725.0, []),  # most of it came
+        (700.0, 200.0, 700.0, [4.0]),  # more effort is no better
+    ],
+)
+def test_near_a_true_model_it_is_fitted_on_with_more_effort(
+    monkeypatch: pytest.MonkeyPatch, deviance: float, promised: float, kept: float, efforts: list[float]
+) -> None:
+    asked: list[float] = []
+
+    def finish(*_: Any, effort: float) -> Any:
+        asked.append(effort)
+        return SimpleNamespace(loss=712.0)
+
+    monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: one.loss)
+    monkeypatch.setattr(refit, "from_here", lambda *_: None)
+    monkeypatch.setattr(refit, "finish", finish)
+    problem: Any = None
+    here: Any = BEFORE
+    first: Any = SimpleNamespace(loss=deviance)
+    fits = refit._Fits(problem, here, ["leak"], [promised], 1)
+    fits.found[0] = refit.Found("leak", first, deviance)
+    fits.look_closer()
+    assert fits.found[0].deviance == kept
+    assert asked == efforts
