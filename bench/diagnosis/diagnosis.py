@@ -162,9 +162,13 @@ class Diagnosis:
     @property
     def proposal(self) -> str | None:
         """The effect that the data ask for most; None if none is significant."""
+        return self._proposal()
+
+    def _proposal(self, without: Collection[str] = ()) -> str | None:
+        """Return the same, of other effects than some."""
         state = self._all()[-1]
         if not state.chosen:
-            self._shortlist.choose(state)
+            self._shortlist.choose(state, without)
             state.chosen = True
         return state.proposal
 
@@ -254,7 +258,7 @@ class Diagnosis:
         """Add what is missing until nothing more is significant; what was taken out does not come back."""
         added: set[str] = set()
         while len(self._all()) <= most:
-            proposal = self.proposal
+            proposal = self._proposal(without=added)
             if proposal in added:  # it was taken out
                 proposal = self._states[-1].proposal = None
             if proposal is None:
@@ -316,6 +320,8 @@ class Diagnosis:
         state = self._look(
             found.fit, found.effect, fall, len(self._states), in_phase=found.phases is not None
         )  # fmt: skip
+        if state.fit is not found.fit:  # it was made better since
+            state.fall = share(before.problem, before.fit, deviance_beside(state.problem, state.fit, before.fit))
         state.group = group_of(before, found.effect)
         return state
 

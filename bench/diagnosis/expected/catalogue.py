@@ -207,7 +207,8 @@ _MANY: Final = 0.25
 def free_of(effect: type[Effect]) -> tuple[Free, ...]:
     """Return the numbers of an effect that are fitted.
 
-    Of an effect that is not in the table, a user's own, those that have a null value are fitted, from their default.
+    Of an effect that is not in the table, a user's own, those that have a null of zero or infinity are fitted, from
+    their default.
     """
     described = {p.name: p for p in effect.parameters()}
     return tuple(
@@ -229,7 +230,7 @@ def _of_a_user(effect: type[Effect]) -> tuple[tuple[str, Scale, float, float], .
     return tuple(
         (p.name, "inverse" if math.isinf(p.null) else "linear", p.default, p.bounds[1])
         for p in effect.parameters()
-        if p.null is not None and p.default is not None and p.default != p.null
+        if p.null in (0.0, math.inf) and p.default is not None and p.default != p.null
     )
 
 
@@ -287,7 +288,7 @@ def why_not(effect: type[Effect], model: PixelModel, points: Sequence[PointData]
     if model.effect(effect.id) is not None:
         return "the model has it already"
     if not free_of(effect):
-        return "none of its numbers has a null and another default, the size at which it is looked for"
+        return "none of its numbers has a null of 0, or infinity, and another default, where it is looked for"
     if effect.id in NEEDS_KNOWN_THRESHOLDS:
         return "other thresholds do the same, and they are fitted"
     if effect.id == "nd_error" and not any(p.nd_od > 0.0 for p in points):

@@ -68,15 +68,17 @@ def settings_of(points: Sequence[PointData]) -> list[int]:
 
 def _blurred(labels: Sequence[Label], ratio: Floats, blur_s: float) -> tuple[Label, ...]:
     """Return the labels; the logarithms of latencies are known no better than this difference of times allows."""
-    found, share = [], 0.0
-    for label, value in zip(labels, ratio, strict=True):
-        least = label.least
+    share = {
+        label.group: blur_s * math.exp(-value) if np.isfinite(value) else 0.0
+        for label, value in zip(labels, ratio, strict=True) if label.view == "latency"
+    }  # fmt: skip
+    found = []
+    for label in labels:
         if label.view == "latency":
-            share = blur_s * math.exp(-value) if np.isfinite(value) else 0.0
-            least = share
+            label = replace(label, least=share[label.group])
         elif label.view == "latency_spread":
-            least = share**2
-        found.append(replace(label, least=least))
+            label = replace(label, least=share.get(label.group, 0.0) ** 2)
+        found.append(label)
     return tuple(found)
 
 

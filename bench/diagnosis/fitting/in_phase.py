@@ -120,5 +120,6 @@ def tuned(problem: Problem, found: Fit, seed: int) -> tuple[Problem, Fit]:
     turned = sharper_phases(problem, found, seed)
     residual = problem.measured.value - turned.value
     there = replace(problem, phases=turned.phases)
-    again = replace(found, x=turned.x, value=turned.value, residual=residual)
+    model = there.of_settings(found.model, found.slots, turned.x)[0]
+    again = replace(found, model=model, x=turned.x, value=turned.value, residual=residual)
     return (there, again) if deviance_per_dof(there, again) < deviance_per_dof(problem, found) else (problem, found)

@@ -40,20 +40,18 @@ def delays(free: Free) -> bool:
 def later(problem: Problem, here: Expectation | Fit) -> Floats:
     """Return the changes when all events come later than the stimulus says, by second: latencies are longer."""
     change = np.zeros(len(here.value))
-    spread = {
-        (label.point, label.part, label.log_contrast, label.width_s): float(here.ratio[i])
-        for i, label in enumerate(problem.measured.labels)
-        if label.view == "latency_spread" and np.isfinite(here.ratio[i])
-    }
-    for i, label in enumerate(problem.measured.labels):
-        if label.view not in ("latency", "latency_spread") or not np.isfinite(here.ratio[i]):
-            continue
-        steps = spread.get((label.point, label.part, label.log_contrast, label.width_s), 0.0)
+    known = [(i, label) for i, label in enumerate(problem.measured.labels) if np.isfinite(here.ratio[i])]
+    spread = {label.group: float(here.ratio[i]) for i, label in known if label.view == "latency_spread"}
+    # The mean of 1 / t where ln t is normal; a step from one latency to the next has twice its variance.
+    inverse = {
+        label.group: math.exp(-here.ratio[i] + 0.25 * spread.get(label.group, 0.0))
+        for i, label in known if label.view == "latency"
+    }  # fmt: skip
+    for i, label in known:
         if label.view == "latency":
-            # The mean of 1 / t where ln t is normal; a step from one latency to the next has twice its variance.
-            change[i] = inverse = math.exp(-here.ratio[i] + 0.25 * steps)
-        else:
-            change[i] = -2.0 * steps * inverse
+            change[i] = inverse[label.group]
+        elif label.view == "latency_spread":
+            change[i] = -2.0 * spread[label.group] * inverse.get(label.group, 0.0)
     return change
 
 

@@ -39,6 +39,11 @@ class Label:
     by_pulse: bool  #: it comes from what all pixels do in a pulse
     of_pairs: bool = False  #: it is a mean of products of two answers
 
+    @property
+    def group(self) -> tuple[int, Part, float, float]:
+        """Which answers of a point it is about: several statistics are of the same."""
+        return self.point, self.part, self.log_contrast, self.width_s
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:

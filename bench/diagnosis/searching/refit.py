@@ -113,6 +113,7 @@ def refitted(
         fits.go_on()
     else:
         fits.look_closer()
+        fits.on_one_scale()
     hopeless = frozenset(name for name, one in zip(names, raced, strict=True) if one.hopeless)
     return Refitted(tuple(fits.found.values()), hopeless)
 
@@ -171,6 +172,17 @@ class _Fits:
             if self._promised[k] > _PROMISE and before - one.deviance < _SHORT * self._promised[k]:
                 self.found[k] = _more_effort(self._problem, self._here, one, self._seed + _SHARPER)
 
+    def on_one_scale(self) -> None:
+        """Judge those of which as much is simulated as of the model before by the scatter that this one has.
+
+        Near a true model an effect hardly changes how residuals scatter. Each fit knows that to some 3 %, which is
+        more than a small effect takes away.
+        """
+        for k, one in self.found.items():
+            if _as_many_pixels(self._problem, self._here, one.fit):
+                fit = replace(one.fit, scale=self._here.scale)
+                self.found[k] = replace(one, fit=fit, deviance=deviance_beside(self._problem, fit, self._here))
+
     def go_on(self) -> None:
         """Fit the best of them on."""
         if self.found:
@@ -219,6 +231,12 @@ def _more_effort(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
     again = finish(problem, from_here(problem, found.fit, seed), effort=_EFFORT)
     left = deviance_beside(problem, again, here)
     return replace(found, fit=again, deviance=left) if left < found.deviance else found
+
+
+def _as_many_pixels(problem: Problem, one: Fit, other: Fit) -> bool:
+    """Return whether two models are simulated with equally many pixels."""
+    costs = [problem.cost(problem.models(each.model, each.slots, each.x)) for each in (one, other)]
+    return costs[0] == costs[1] and least_share(one.model) == least_share(other.model)
 
 
 def _knows_its_numbers(problem: Problem, one: Fit) -> bool:

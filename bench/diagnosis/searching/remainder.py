@@ -53,7 +53,7 @@ def remainder_of(problem: Problem, state: State) -> tuple[Remainder, ...]:
         for point, where, root in zip(problem.points, problem.measured.points, one.roots, strict=True):
             r = (root @ one.residual[where])[live(root)] / math.sqrt(one.scale)
             squares.setdefault(name(point), []).extend(r * r)
-        found += [_group(axis, where, values) for where, values in squares.items()]
+        found += [_group(axis, where, values) for where, values in squares.items() if values]
     z = one.z
     for axis, of in _OF_STATISTICS.items():
         squares = {}

@@ -136,11 +136,9 @@ def _or_seen(expected: Explained, one: Probe, alone: float) -> Explained:
 
 def _score(one: Probe, mean: Floats, product: Floats) -> float:
     """Return the p-value of the fall of the deviance along the directions of one effect."""
-    kept = list(range(len(one.free)))
+    kept = [k for k, length in enumerate(np.linalg.norm(mean, axis=0)) if length >= _INVISIBLE]
     while kept:
         spread = mean[:, kept].T @ mean[:, kept]
-        if np.min(np.diag(spread)) < _INVISIBLE**2:
-            return 1.0
         w = np.linalg.lstsq(spread, product[kept], rcond=1e-10)[0]
         wrong = [k for k, x in zip(kept, w, strict=True) if x < 0.0 and one.free[k].range[0] >= 0.0]
         if not wrong:
@@ -184,11 +182,9 @@ def _null_p(one: Probe, mean: Floats, products: Floats) -> Floats:
     from scipy.stats import chi2
 
     lengths = np.linalg.norm(mean, axis=0)
-    if np.min(lengths) < _INVISIBLE:
-        return np.ones(len(products))  # as in _score
-    z = products / lengths
     bounded = np.array([f.range[0] >= 0.0 for f in one.free])
-    z = np.where(bounded & (z < 0.0), 0.0, z)
+    counts = (lengths >= _INVISIBLE) & ~(bounded & (products < 0.0))  # as in _score
+    z = np.where(counts, products / np.maximum(lengths, _INVISIBLE), 0.0)
     drop = np.sum(z * z, axis=1)
     if len(one.free) == 1:
         return np.asarray(chi2.sf(drop, 1) * (0.5 if bounded[0] else 1.0))

@@ -18,7 +18,7 @@ from bench.diagnosis.searching.state import can_judge, leaves_little, may_be_add
 from bench.diagnosis.searching.ties import tied_with
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.searching.state import State
@@ -81,9 +81,15 @@ class Shortlist:
     def _problem(self) -> Problem:
         return self._session.problem
 
-    def choose(self, state: State) -> None:
-        """Find the effect that is worth adding, and those that cannot be told from it."""
-        names = self._promising(state)
+    def choose(self, state: State, without: Collection[str] = ()) -> None:
+        """Find the effect that is worth adding, and those that cannot be told from it.
+
+        Parameters
+        ----------
+        without
+            Effects that are not asked again: they were taken out.
+        """
+        names = [name for name in self._promising(state) if name not in without]
         if not is_far_off(self._problem, state.fit):
             for name in names[:_SHORTLIST]:  # the clearest one may be finer than what can be told, or needless
                 if state.proposal is None:
@@ -92,12 +98,12 @@ class Shortlist:
         together = _SHORTLIST if self._is_foreseen(state) else _SHORTLISTS * _SHORTLIST
         for first in range(0, min(len(names), _SHORTLISTS * _SHORTLIST), together):
             if state.proposal is None:
-                self._propose(state, self._with_twins(state, names[first : first + together]))
+                self._propose(state, self._with_twins(state, names[first : first + together], without))
         if state.proposal is None and not self._asked_all:
-            self._propose(state, self._all_others(state), _SURE, _SHORTLIST, _LEFT_SOON)
+            self._propose(state, self._all_others(state, without), _SURE, _SHORTLIST, _LEFT_SOON)
             self._asked_all = True
         if state.proposal is None:
-            self._propose(state, self._at_other_sizes(state), _SURE)
+            self._propose(state, self._at_other_sizes(state, without), _SURE)
 
     def promises(self, state: State) -> bool:
         """Return whether any effect is significant before it is refitted."""
@@ -122,7 +128,7 @@ class Shortlist:
         enough = _PROMISING * scores.drop[significant[0]] if far_off else -math.inf
         return [scores.probes[i].effect.id for i in significant if scores.drop[i] >= enough]
 
-    def _all_others(self, state: State) -> list[str]:
+    def _all_others(self, state: State, without: Collection[str]) -> list[str]:
         """Return the effects that were not refitted yet.
 
         In a bent valley straight lines promise nothing: where noise of the floor has taken the place of that of the
@@ -131,23 +137,24 @@ class Shortlist:
         scores = state.scores
         order = [int(i) for i in np.argsort(-scores.drop, kind="stable") if can_judge(self._problem, scores, int(i))]
         names = [scores.probes[i].effect.id for i in order]
-        return [name for name in names if name not in state.refitted]
+        return [name for name in names if name not in state.refitted and name not in without]
 
-    def _at_other_sizes(self, state: State) -> list[str]:
+    def _at_other_sizes(self, state: State, without: Collection[str]) -> list[str]:
         """Return the effects that promise something once they are probed at other sizes; they are refitted again."""
         problem, fit = self._problem, state.fit
         probes = at_other_sizes(problem, fit, state.scores.probes, self._seed + 87)
         moved = {new.effect.id for old, new in zip(state.scores.probes, probes, strict=True) if new is not old}
         again = replace(state, scores=score(problem, fit, probes, self._seed, far_off=True))
-        names = [name for name in self._promising(again) if name in moved][: _SHORTLISTS * _SHORTLIST]
+        names = [name for name in self._promising(again) if name in moved and name not in without]
+        names = names[: _SHORTLISTS * _SHORTLIST]
         if names:
             state.scores = again.scores
         state.refitted = {name: found for name, found in state.refitted.items() if name not in names}
         state.hopeless -= set(names)
         return names
 
-    def _with_twins(self, state: State, names: Sequence[str]) -> list[str]:
-        known = {one.effect.id for one in state.scores.probes} - state.refitted.keys()
+    def _with_twins(self, state: State, names: Sequence[str], without: Collection[str]) -> list[str]:
+        known = {one.effect.id for one in state.scores.probes} - state.refitted.keys() - set(without)
         twins = [TWINS[name] for name in names if name in TWINS]
         return [*names, *(name for name in dict.fromkeys(twins) if name in known and name not in names)]
 

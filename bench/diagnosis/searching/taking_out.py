@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.fitting.approach import approach
 from bench.diagnosis.fitting.fit import finish
-from bench.diagnosis.fitting.judging import deviance, deviance_beside
-from bench.diagnosis.searching.refit import STILL_NEEDED, strength
+from bench.diagnosis.fitting.judging import deviance
+from bench.diagnosis.searching.likeness import nearer
+from bench.diagnosis.searching.refit import STILL_NEEDED, Found, strength
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -25,6 +26,7 @@ __all__ = ["to_take_out", "without"]
 #: An effect whose numbers are all fewer standard errors from null is tried without.
 _DOUBTED: Final = 6.0
 _STEPS: Final = 3
+_OTHER_SEED: Final = 57
 
 
 def to_take_out(
@@ -50,7 +52,7 @@ def to_take_out(
             break
         say(f"fitting without {name}")
         again = without(problem, one, name, seed)
-        if strengths[name] < STILL_NEEDED or _is_as_good(problem, again, one):
+        if strengths[name] < STILL_NEEDED or _is_as_good(problem, again, one, name, seed):
             return name, again
     return None
 
@@ -65,6 +67,11 @@ def without(problem: Problem, one: Fit, name: str, seed: int) -> Fit:
     return finish(problem, near)
 
 
-def _is_as_good(problem: Problem, again: Fit, one: Fit) -> bool:
-    """Return whether a model leaves no more than the square of what an effect must stand out by."""
-    return deviance_beside(problem, again, one) - deviance(problem, one) < STILL_NEEDED**2
+def _is_as_good(problem: Problem, again: Fit, one: Fit, name: str, seed: int) -> bool:
+    """Return whether a model leaves no more than the square of what an effect must stand out by.
+
+    Each fit knows its own scale only roughly: 2 % of a deviance are more than that. Along the line from one model to
+    the other there is hardly any chance.
+    """
+    before, after = Found(name, one, deviance(problem, one)), Found("", again, deviance(problem, again))
+    return nearer(problem, before, after, seed + _OTHER_SEED) > -(STILL_NEEDED**2)

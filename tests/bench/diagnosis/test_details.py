@@ -9,7 +9,7 @@ import pytest
 from bench.diagnosis.expected.catalogue import details_of, free_of, numbers_of
 from bench.diagnosis.fitting import details
 from bench.diagnosis.fitting.details import with_a_detail
-from bench.diagnosis.fitting.judging import deviance_per_dof, values_of
+from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance, values_of
 from bench.diagnosis.session import open_session
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import DarkCurrent, Leak
@@ -83,6 +83,9 @@ def test_what_is_explained_asks_for_no_details(
 ) -> None:
     asked = []
     monkeypatch.setattr(details, "_most_promising", lambda *_: asked.append(1))
-    _, before, after = both(point, run_of, ROUGHLY + Leak(0.08), ROUGHLY + Leak(0.05))
-    assert after is before
+    points = [point(i, contrast, lux=lux, periods=15) for i, (lux, contrast) in enumerate(POINTS)]
+    with open_session([run_of(points, ROUGHLY + Leak(0.08), 3)], ROUGHLY + Leak(0.05)) as session:
+        found = session.fit(2)
+        assert not leaves_more_than_chance(session.problem, found)
+        assert with_a_detail(session.problem, found, 2) is found
     assert not asked

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -17,6 +17,9 @@ from bench.diagnosis.searching.refit import needless
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import DarkCurrent, HotPixels, Leak
 
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
 
 class Wavering(Diagnosis):
     """Proposes effects in turn; each takes the one before out again."""
@@ -26,8 +29,8 @@ class Wavering(Diagnosis):
         self.added: list[str] = []
         self._states = [SimpleNamespace(added=None)]  # type: ignore[list-item]
 
-    @property
-    def proposal(self) -> str | None:
+    def _proposal(self, without: Collection[str] = ()) -> str | None:
+        assert set(without) == set(self.added)  # what was added is not asked for again
         return self.proposals[len(self.added)]
 
     def add(self, effect_id: str) -> Any:
@@ -130,7 +133,7 @@ def test_what_does_not_stand_far_out_is_tried_without(
 
     monkeypatch.setattr(taking_out, "without", refit)
     monkeypatch.setattr(taking_out, "deviance", lambda _, __: 600.0)
-    monkeypatch.setattr(taking_out, "deviance_beside", lambda _, __, ___: 600.0 + rises)
+    monkeypatch.setattr(taking_out, "nearer", lambda *_: -rises)
     fit = fit_at({"dark_current": dark, "leak": leak})
     found: Any = taking_out.to_take_out(PROBLEM, fit, FIELDS, explained, 1)
     assert found == (None if expected is None else (expected, f"without {expected}"))

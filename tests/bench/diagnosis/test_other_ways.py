@@ -27,7 +27,7 @@ from sim_backend.pixel.effects import (
 )  # fmt: skip
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
 
 @pytest.fixture(autouse=True)
@@ -240,8 +240,8 @@ class Promising(Shortlist):
     def _is_foreseen(self, _: Any) -> bool:
         return self.foreseen
 
-    def _at_other_sizes(self, _: Any) -> list[str]:
-        return self.at_another_size
+    def _at_other_sizes(self, _: Any, without: Collection[str]) -> list[str]:
+        return [name for name in self.at_another_size if name not in without]
 
     def _propose(
         self, state: Any, shortlist: Sequence[str], worth: float = 0.15, most: int | None = None,
@@ -313,13 +313,26 @@ def test_what_moved_to_another_size_is_fitted_again(monkeypatch: pytest.MonkeyPa
     nothing: Any = None
     state: Any = State(fit=nothing, scores=scores, added=None, fall=0.0, problem=nothing, refitted=dict(known))
     state.hopeless = frozenset({"readout_saturation", "crosstalk"})
-    names = Shortlist._at_other_sizes(made, state)
+    names = Shortlist._at_other_sizes(made, state, ())
     assert names == (["readout_saturation"] if promises else [])
     assert state.scores.probes == (new if promises else old)
     assert state.refitted == ({"leak": known["leak"]} if promises else known)
     assert state.hopeless == (
         frozenset({"crosstalk"}) if promises else frozenset({"readout_saturation", "crosstalk"})
     )
+
+
+def test_what_was_taken_out_is_not_asked_again_and_others_are() -> None:
+    made = Promising(["leak", "crosstalk"], {"leak": 0.9, "crosstalk": 0.5, "high_pass": 0.9, "trail_filter": 0.9})
+    made.at_another_size = ["high_pass", "trail_filter"]
+    state = made.state()
+    made.choose(state, without={"leak"})
+    assert state.proposal == "crosstalk"
+    made.shares["crosstalk"] = made.shares["trail_filter"] = 0.0
+    again = made.state()
+    made.choose(again, without={"leak", "high_pass"})
+    assert again.proposal is None
+    assert not {"leak", "high_pass"} & {name for names, _ in made.asked for name in names}
 
 
 @pytest.mark.parametrize("foreseen", [True, False])

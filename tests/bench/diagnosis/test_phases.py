@@ -234,3 +234,6 @@ class Phases:
     phases: tuple[float, ...]
     given: dict[str, dict[str, float]]
     measured: Any = field(default_factory=lambda: SimpleNamespace(value=np.zeros(1)))
+
+    def of_settings(self, model: PixelModel, _: Any, __: Any) -> list[PixelModel]:
+        return [model]

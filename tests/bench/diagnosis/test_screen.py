@@ -63,6 +63,14 @@ def test_the_effect_that_is_there_is_found_with_its_size() -> None:
     assert scores.p_best[1] < 1e-3
 
 
+def test_a_number_that_does_nothing_does_not_hide_the_other_number_of_its_effect() -> None:
+    """The mismatch of OFF thresholds where there are no OFF events."""
+    both = probe_along("threshold_mismatch", LEAK, 0.0 * LEAK)
+    assert score(PROBLEM, fitted(0.8 * LEAK), [both], seed=1).p_best[0] < 1e-3
+    neither = probe_along("threshold_mismatch", 0.0 * LEAK, 0.0 * LEAK)
+    assert score(PROBLEM, fitted(0.8 * LEAK), [neither], seed=1).p_best[0] == 1.0
+
+
 def test_an_effect_of_the_wrong_sign_explains_nothing() -> None:
     fit = fitted(-0.8 * LEAK)
     scores = score(PROBLEM, fit, [probe_along("leak", LEAK)], seed=1)

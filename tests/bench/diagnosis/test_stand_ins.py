@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from bench.diagnosis.expected.catalogue import free_of
 from bench.diagnosis.expected.parameters import base_parameters
 from bench.diagnosis.expected.problem import Slot
 from bench.diagnosis.fitting.fitted import Fit
-from bench.diagnosis.fitting.judging import deviance
+from bench.diagnosis.fitting.judging import deviance, heldout, is_far_off
 from bench.diagnosis.searching.refit import Found
 from bench.diagnosis.searching.state import may_be_added
 from sim_backend.pixel import PixelModel
@@ -68,3 +71,25 @@ def test_what_leaves_hardly_anything_may_be_seen_in_one_point_alone() -> None:
     change = np.zeros(N)
     change[SLICES[7]] = 10.0 + RNG.standard_normal(EACH)
     assert is_added(NOISE + change, change)
+
+
+def test_one_point_alone_tells_nothing_of_points_that_were_not_seen() -> None:
+    """There it is no reason to refuse an effect."""
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=(slice(0, N),)), forward=PROBLEM.forward)
+    change = np.abs(RNG.standard_normal(N))
+    measured = NOISE + 0.3 * change
+    before, after = (replace(fit_of(measured, *more), roots=(np.eye(N),)) for more in ([], [change]))
+    assert math.isnan(heldout(problem, before))
+    assert may_be_added(problem, before, Found("leak", after, deviance(problem, after)))
+
+
+@pytest.mark.parametrize(("points", "far_off"), [(10, False), (39, True), (100, True)])
+def test_what_is_far_off_depends_on_how_many_statistics_say_so(points: int, far_off: bool) -> None:
+    """An error of 1.35 is 1.4, 2.7 and 4.4 standard deviations of chance in 20, 780 and 2000 of them, with 1.25."""
+    n = points * EACH
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=[slice(0, n)]))
+    residual = np.full(n, math.sqrt(1.35))
+    one: Any = SimpleNamespace(
+        residual=residual, roots=(np.eye(n),), slots=(), caution=1.0, scale=1.0, whiten=lambda r, _: r
+    )
+    assert is_far_off(problem, one) is far_off
