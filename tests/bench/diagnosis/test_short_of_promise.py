@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -99,3 +100,27 @@ def test_near_a_true_model_it_is_fitted_on_with_more_effort(
     fits.look_closer()
     assert fits.found[0].deviance == kept
     assert asked == efforts
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A fit that knows its own scale roughly."""
+
+    scale: float
+    pixels: float = 1.0
+
+
+@pytest.mark.parametrize(("pixels", "scale"), [(1.0, 0.8), (0.5, 0.9)])
+def test_near_a_true_model_fits_of_as_many_pixels_are_judged_on_one_scale(
+    monkeypatch: pytest.MonkeyPatch, pixels: float, scale: float
+) -> None:
+    monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: 600.0 / one.scale)
+    monkeypatch.setattr(refit, "_as_many_pixels", lambda _, one, other: one.pixels == other.pixels)
+    problem: Any = None
+    here: Any = Scaled(0.8)
+    found: Any = Scaled(0.9, pixels)
+    fits = refit._Fits(problem, here, ["leak"], [40.0], 1)
+    fits.found[0] = refit.Found("leak", found, 600.0 / 0.9)
+    fits.on_one_scale()
+    assert fits.found[0].fit.scale == scale
+    assert fits.found[0].deviance == pytest.approx(600.0 / scale)
