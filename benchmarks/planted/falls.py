@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.fitting.normal import units
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
@@ -57,8 +59,7 @@ def taken_up(apart: Pair, changes: Pair, prior: Floats, moved: Floats | float = 
     first, second = changes
     left = first.T @ second
     left = 0.5 * (left + left.T) + np.diag(prior)
-    scale = np.sqrt(np.maximum(np.diag(left), 0.0))
-    unit = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    unit = units(left)[1]
     values, vectors = np.linalg.eigh(left * np.outer(unit, unit))
     kept = values > _NO_DIRECTION
     inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T

@@ -14,6 +14,7 @@ import numpy as np
 
 from bench.diagnosis.fitting.explaining import Explained, explain
 from bench.diagnosis.fitting.fitted import prior_precision
+from bench.diagnosis.fitting.normal import solved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -139,7 +140,7 @@ def _score(one: Probe, mean: Floats, product: Floats) -> float:
     kept = [k for k, length in enumerate(np.linalg.norm(mean, axis=0)) if length >= _INVISIBLE]
     while kept:
         spread = mean[:, kept].T @ mean[:, kept]
-        w = np.linalg.lstsq(spread, product[kept], rcond=1e-10)[0]
+        w = solved(spread, product[kept])
         wrong = [k for k, x in zip(kept, w, strict=True) if x < 0.0 and one.free[k].range[0] >= 0.0]
         if not wrong:
             return _p_value(float(product[kept] @ w), one)

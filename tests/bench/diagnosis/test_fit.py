@@ -74,7 +74,7 @@ def test_little_is_looked_at_where_that_is_no_use(
 def test_events_are_simulated_as_late_as_they_come(point: Callable[..., Any], run_of: Callable[..., Any]) -> None:
     """Stamps a look of 20 us later than the stimulus says; the first answers come after some 100 us."""
     quick = replace(PIXEL, corner_hz=400.0)
-    window = {"roi": Roi(40, 30, 16, 16), "periods": 40}
+    window = {"roi": Roi(40, 30, 16, 16), "periods": 80}
     points = [point(i, c, **window) for i, c in enumerate((0.3, 0.4, 0.6, 0.8, 1.0, 1.2))]
     run = run_of(points, quick, 3)
     run = replace(run, taken=tuple(late(one, 20) for one in run.taken))
@@ -87,7 +87,7 @@ def test_events_are_simulated_as_late_as_they_come(point: Callable[..., Any], ru
     assert problem.forward.late_us == pytest.approx(20, abs=3)
     spreads = [i for i, label in enumerate(problem.measured.labels) if label.view == "latency_spread"]
     assert abs(float(np.mean(found.z[spreads]))) < 3.0 / math.sqrt(len(spreads))
-    assert float(np.mean(line.z[spreads])) > 3.0 / math.sqrt(len(spreads))  # a straight line makes them too narrow
+    assert float(np.mean(line.z[spreads])) > 1.0  # a straight line makes them too narrow
 
 
 def late(taken: Any, late_us: int) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -69,58 +68,3 @@ def test_others_are_left(
     kept: Callable[..., tuple[Any, bool]], loss: float, promised: float, costly: bool
 ) -> None:  # fmt: skip
     assert kept(loss, promised, costly=costly) == (loss, False)
-
-
-@pytest.mark.parametrize(
-    ("deviance", "promised", "kept", "efforts"),
-    [
-        (749.0, 40.0, 712.0, [4.0]),  # hardly anything of the promise came
-        (749.0, 9.0, 749.0, []),  # the promise is that of chance
-        (725.0, 40.0, 725.0, []),  # most of it came
-        (700.0, 200.0, 700.0, [4.0]),  # more effort is no better
-    ],
-)
-def test_near_a_true_model_it_is_fitted_on_with_more_effort(
-    monkeypatch: pytest.MonkeyPatch, deviance: float, promised: float, kept: float, efforts: list[float]
-) -> None:
-    asked: list[float] = []
-
-    def finish(*_: Any, effort: float) -> Any:
-        asked.append(effort)
-        return SimpleNamespace(loss=712.0)
-
-    monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: one.loss)
-    monkeypatch.setattr(refit, "from_here", lambda *_: None)
-    monkeypatch.setattr(refit, "finish", finish)
-    problem: Any = None
-    here: Any = BEFORE
-    first: Any = SimpleNamespace(loss=deviance)
-    fits = refit._Fits(problem, here, ["leak"], [promised], 1)
-    fits.found[0] = refit.Found("leak", first, deviance)
-    fits.look_closer()
-    assert fits.found[0].deviance == kept
-    assert asked == efforts
-
-
-@dataclass(frozen=True)
-class Scaled:
-    """A fit that knows its own scale roughly."""
-
-    scale: float
-    pixels: float = 1.0
-
-
-@pytest.mark.parametrize(("pixels", "scale"), [(1.0, 0.8), (0.5, 0.9)])
-def test_near_a_true_model_fits_of_as_many_pixels_are_judged_on_one_scale(
-    monkeypatch: pytest.MonkeyPatch, pixels: float, scale: float
-) -> None:
-    monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: 600.0 / one.scale)
-    monkeypatch.setattr(refit, "_as_many_pixels", lambda _, one, other: one.pixels == other.pixels)
-    problem: Any = None
-    here: Any = Scaled(0.8)
-    found: Any = Scaled(0.9, pixels)
-    fits = refit._Fits(problem, here, ["leak"], [40.0], 1)
-    fits.found[0] = refit.Found("leak", found, 600.0 / 0.9)
-    fits.on_one_scale()
-    assert fits.found[0].fit.scale == scale
-    assert fits.found[0].deviance == pytest.approx(600.0 / scale)

@@ -113,30 +113,3 @@ def test_what_its_numbers_change_is_looked_at_where_a_fit_has_ended(
 ) -> None:
     """A fit that has gone far does not know; another one is as good, but for chance, or it is elsewhere."""
     assert go_on([1.1, then], known=False) == (best, 1)
-
-
-@pytest.mark.parametrize(
-    ("error", "then", "best", "efforts"),
-    [
-        (1.05, 0.9, 1.05, []),  # it explains the run
-        (1.2, 1.0, 1.0, [4.0]),
-        (1.2, 1.25, 1.2, [4.0]),  # chance had kept it from nothing
-        (2.1, 1.0, 2.1, []),  # it is nowhere near
-    ],
-)
-def test_what_nearly_explains_a_run_is_fitted_on_with_more_effort(
-    monkeypatch: pytest.MonkeyPatch, error: float, then: float, best: float, efforts: list[float]
-) -> None:
-    asked: list[float] = []
-
-    def finish(*_: object, effort: float) -> Any:
-        asked.append(effort)
-        return SimpleNamespace(error=then)
-
-    monkeypatch.setattr(refit, "deviance_per_dof", lambda _, one: one.error)
-    monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: 800.0 * one.error)
-    monkeypatch.setattr(refit, "from_here", lambda *_: None)
-    monkeypatch.setattr(refit, "finish", finish)
-    found: Any = refit.Found("reset_noise", SimpleNamespace(error=error), 800.0 * error)  # type: ignore[arg-type]
-    ended: Any = refit._with_more_effort(None, None, found, 1)  # type: ignore[arg-type]
-    assert (ended.fit.error, ended.deviance, asked) == (best, 800.0 * best, efforts)
