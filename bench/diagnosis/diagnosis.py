@@ -309,33 +309,26 @@ class Diagnosis:
         if not self._states:
             self._say("fitting the model")
             first = self._session.fit(self._seed)
-            self._states.append(self._look(first, None, 0.0, 0))
+            self._states.append(self._look(first, None, []))
         return self._states
 
     def _with(self, found: Found) -> State:
         """Return the state in which an effect was added to the last one."""
         before = self._states[-1]
-        fall = share(self.problem, before.fit, found.deviance)
         self._session.problem = found.beside(self.problem)
-        state = self._look(
-            found.fit, found.effect, fall, len(self._states), in_phase=found.phases is not None
-        )  # fmt: skip
-        if state.fit is not found.fit:  # it was made better since
-            state.fall = share(before.problem, before.fit, deviance_beside(state.problem, state.fit, before.fit))
+        state = self._look(found.fit, found.effect, self._states, in_phase=found.phases is not None)
         state.group = group_of(before, found.effect)
         return state
 
     def _look_again(self, left: Sequence[State], again: Fit, like: State) -> State:
         """Return the state of a model that was fitted again, for one like it, behind the states that are left."""
-        fall = 0.0
-        if left:
-            before = left[-1].fit
-            fall = share(self.problem, before, deviance_beside(self.problem, again, before))
-        state = self._look(again, like.added, fall, len(left))
+        state = self._look(again, like.added, left)
         state.group = like.group
         return state
 
-    def _look(self, fitted: Fit, added: str | None, fall: float, number: int, in_phase: bool = False) -> State:
+    def _look(self, fitted: Fit, added: str | None, before: Sequence[State], in_phase: bool = False) -> State:
+        """Return the state of a fitted model behind others, made better where it can be."""
+        number = len(before)
         fitted = self._session.in_time(fitted, self._seed + 100 * number + 66)
         if not in_phase:
             fitted = self._session.in_phase(fitted, self._seed + 100 * number + 76)
@@ -356,7 +349,11 @@ class Diagnosis:
             scores = self._probed(fitted, number)
         little = leaves_little(self.problem, fitted)
         trends = clear_trends(self.problem, fitted, self._seed + 100 * number + 91) if little else ()
-        return State(fitted, scores, added, fall, self.problem, trends=trends)
+        state = State(fitted, scores, added, self.problem, trends=trends)
+        if before:
+            last = before[-1]
+            state.fall = share(last.problem, last.fit, deviance_beside(self.problem, fitted, last.fit))
+        return state
 
     def _probed(self, fitted: Fit, number: int) -> Scores:
         """Return what each effect that is not in the model promises."""

@@ -38,6 +38,10 @@ _FEWEST_CLUSTERS: Final = 3.0
 #: Correlations between the statistics of a point are taken to be this much weaker than they were found.
 _SHRINK: Final = 0.9
 _NOTHING: Final = 1e12
+#: A variance above this is that of a statistic which says nothing; a combination of statistics of which all vary by 1
+#: and that itself varies by less than this hardly does.
+_UNKNOWN: Final = 0.1 * _NOTHING
+_HARDLY: Final = 1e-2
 #: What is no share, count or time may be wrong by so many standard errors where those may be wrong by all they are.
 _COARSE: Final = 30.0
 
@@ -117,6 +121,11 @@ class Expectation:
     value: Floats  #: (n,) transformed
     scatter: Scatter  #: of one recording
     recordings: float  #: simulated ones, which make it uncertain too
+
+    @property
+    def said(self) -> Flags:
+        """(n,) of what the simulated recordings said anything: of no events there is no mean."""
+        return np.isfinite(self.ratio)
 
     @property
     def more(self) -> float:
@@ -296,9 +305,13 @@ def _trust(kinds: Kinds, top: Floats, bottom: Floats) -> Floats:
 
 
 def _whitener(covariance: Floats) -> Floats:
-    """Return W with ``W C W^T = 1``; combinations that hardly vary are left out."""
-    scale = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = values > 1e-2
+    """Return W with ``W C W^T = 1``; what says nothing is left out, and combinations that hardly vary."""
+    own = np.diag(covariance)
+    known = np.flatnonzero(own < _UNKNOWN)
+    scale = np.sqrt(own[known])
+    values, vectors = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(scale, scale))
+    kept = values > _HARDLY
     root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
-    return np.asarray((root[:, None] * vectors.T) / scale)
+    found = np.zeros_like(covariance)
+    found[np.ix_(known, known)] = (root[:, None] * vectors.T) / scale
+    return found

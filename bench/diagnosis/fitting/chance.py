@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitting.fitted import Fit
     from sim_backend.pixel.model import PixelModel
 
+    Flags = npt.NDArray[np.bool_]
     Floats = npt.NDArray[np.float64]
 
 __all__ = ["frozen_of", "pooled", "scale_of"]
@@ -38,7 +38,8 @@ _CLOSE: Final = 20.0
 def scale_of(problem: Problem, here: Expectation, sensors: Sequence[Sensor]) -> float:
     """Return the mean square residual of a run of the model itself: each simulated sensor against the others.
 
-    One number far out says nothing about the others: none counts for more than a square of 16.
+    One number far out says nothing about the others: none counts for more than a square of 16. What a sensor says
+    nothing about does not count.
 
     Parameters
     ----------
@@ -48,18 +49,39 @@ def scale_of(problem: Problem, here: Expectation, sensors: Sequence[Sensor]) -> 
         All with as many pixels.
     """
     n, of = len(sensors), problem.measured
-    counts = np.concatenate([live(root) for root in here.roots])
-    # A share or a count of fewer pixels was transformed to the same scatter; a mean of fewer scatters more.
-    fewer = np.where(of.kinds.share | of.kinds.count, 1.0, math.sqrt(sensors[0].share))
-    squares = []
+    transformed = of.kinds.share | of.kinds.count
+    squares, expected_squares = 0.0, 0.0
     for i, one in enumerate(sensors):
         others = [s.summaries for k, s in enumerate(sensors) if k != i]
         as_run = measured(one.summaries, of.labels)
         expected = expectation(as_run, [add(column) for column in zip(*others, strict=True)])
-        residual = whiten(here.roots, fewer * (as_run.value - expected.value), of.points)[counts]
-        squares.append(np.minimum(residual**2, _FAR_OUT))
+        said = np.isfinite(as_run.ratio) & expected.said
+        # A share or a count of fewer pixels was transformed to the same scatter; a mean of fewer scatters more.
+        fewer = np.where(transformed, 1.0, np.sqrt(as_run.bottom / np.maximum(of.bottom, 1.0)))
+        away = np.where(said, fewer * (as_run.value - expected.value), 0.0)
+        squares += float(np.minimum(whiten(here.roots, away, of.points) ** 2, _FAR_OUT).sum())
+        expected_squares += _expected_squares(here, said, of.points)
     # The roots are those of a run less what is expected; here it is less the mean of the other sensors.
-    return max(float(np.mean(squares)) * here.more / (1.0 + 1.0 / max(n - 1, 1)), 1e-3)
+    return max(squares / max(expected_squares, 1.0) * here.more / (1.0 + 1.0 / max(n - 1, 1)), 1e-3)
+
+
+def _expected_squares(here: Expectation, said: Flags, points: Sequence[slice]) -> float:
+    """Return the expected sum of squares of independent residuals if some statistics are left out; else their number.
+
+    Parameters
+    ----------
+    said
+        (n,) which are not.
+    """
+    total = 0.0
+    for root, covariance, where in zip(here.roots, here.scatter.covariance, points, strict=True):
+        mine = said[where]
+        if mine.all():
+            total += float(live(root).sum())
+        else:
+            left = root[:, mine]
+            total += float(np.sum((left @ covariance[np.ix_(mine, mine)]) * left)) * here.more
+    return total
 
 
 def frozen_of(problem: Problem, found: Fit, models: Sequence[PixelModel], seen: Sequence[Sequence[Sensor]]) -> Floats:
@@ -78,8 +100,10 @@ def frozen_of(problem: Problem, found: Fit, models: Sequence[PixelModel], seen: 
         return np.zeros(len(found.x))
     products, freedom = np.zeros(len(found.x)), 0.0
     for sensors in seen:
-        values = np.stack([problem.expect([one]).value for one in sensors])
-        for away in values - values.mean(axis=0):
+        each_sensor = [problem.expect([one]) for one in sensors]
+        values = np.stack([e.value for e in each_sensor])
+        said = np.all([e.said for e in each_sensor], axis=0)
+        for away in np.where(said, values - values.mean(axis=0), 0.0):
             white = found.whiten(away, points)
             each = np.zeros((groups, len(found.x)))
             for law, where in zip(laws, points, strict=True):
@@ -103,6 +127,9 @@ def pooled(
     far = [float(np.linalg.norm(whiten(here.roots, move, problem.measured.points))) for move in moves]
     close = [(e, move) for (_, e), move, away in zip(visited, moves, far, strict=True) if away <= _CLOSE]
     total = sum(e.recordings for e, _ in close)
-    value = sum((e.recordings / total) * (e.value + move) for e, move in close)
+    weights = np.stack([e.recordings * e.said for e, _ in close])
+    values = np.stack([e.value + move for e, move in close])
+    known = weights.sum(axis=0)
+    value = np.divide((weights * values).sum(axis=0), known, out=np.zeros_like(known), where=known > 0.0)
     scatter = here.scatter.beside([e.scatter for e, _ in close])
-    return replace(here, value=np.asarray(value), recordings=total, scatter=scatter)
+    return replace(here, value=value, recordings=total, scatter=scatter)

@@ -66,8 +66,8 @@ class Cloud:
         away = np.stack([(place.at - middle) / scale for place in self.places])
         weight = np.exp(-0.5 * np.sum(away**2, axis=1) / (reach**2 * len(middle)))
         columns = np.column_stack([np.ones(len(away)), away / reach])
-        values = np.stack([place.expected.value for place in self.places])
         weighted = columns * weight[:, None]
+        values = self._values(weight)
         inverse = np.linalg.inv(columns.T @ weighted + _RIDGE * np.diag([0.0, *np.ones(len(middle))]))
         found = inverse @ (weighted.T @ values)
         rest = values - columns @ found
@@ -82,6 +82,14 @@ class Cloud:
             chance=(inverse @ (weighted.T @ weighted) @ inverse)[1:, 1:] / np.outer(unit, unit),
             scatter=np.asarray((weight @ rest**2) / freedom),
         )
+
+    def _values(self, weight: Floats) -> Floats:
+        """(places, n) what is expected; where a place says nothing of a statistic, the mean of what others say."""
+        values = np.stack([place.expected.value for place in self.places])
+        said = np.stack([place.expected.said for place in self.places])
+        seen = weight @ said
+        mean = np.divide(weight @ np.where(said, values, 0.0), seen, out=np.zeros_like(seen), where=seen > 0.0)
+        return np.where(said, values, mean)
 
 
 def around(middle: Floats, scale: Floats, reach: float, count: int, rng: np.random.Generator) -> list[Floats]:

@@ -115,6 +115,12 @@ def prior_precision(slots: Sequence[Slot]) -> Floats:
     return np.array([0.0 if np.isinf(s.free.prior_sd) else s.free.prior_sd**-2 for s in slots])
 
 
-def solve(columns: Floats, residual: Floats, prior: Floats) -> Floats:
-    """Return the least-squares coordinates of `residual` in `columns`, with a prior precision of each."""
-    return solved(columns.T @ columns + np.diag(prior), columns.T @ residual)
+def solve(columns: Floats, residual: Floats, prior: Floats, towards: Floats | float = 0.0) -> Floats:
+    """Return the least-squares coordinates of `residual` in `columns`, with a prior precision of each.
+
+    Parameters
+    ----------
+    towards
+        (k,) what the prior expects.
+    """
+    return solved(columns.T @ columns + np.diag(prior), columns.T @ residual + prior * towards)

@@ -174,7 +174,8 @@ def heldout(problem: Problem, one: Fit) -> float:
         unseen = [p for i, p in enumerate(parts) if i % _FOLDS == fold]
         if not seen or not unseen:
             continue
-        delta = solve(np.concatenate([j for _, j, _ in seen]), np.concatenate([r for r, _, _ in seen]), prior)
+        columns, left = (np.concatenate([p[k] for p in seen]) for k in (1, 0))
+        delta = solve(columns, left, prior, one.start - one.x)
         squares += sum(float(np.sum((r - j @ delta) ** 2)) for r, j, _ in unseen)
         count += sum(n for _, _, n in unseen)
     return squares / count if count else math.nan

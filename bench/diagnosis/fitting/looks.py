@@ -73,7 +73,7 @@ def shifted(problem: Problem, here: Expectation, slots: Sequence[Slot], x: Float
     return replace(here, value=here.value + late * later(problem, here)) if late else here
 
 
-def loss_of(problem: Problem, here: Expectation, slots: Sequence[Slot], at: Floats, start: Floats) -> float:
+def loss_of(problem: Problem, here: Expectation | Fit, slots: Sequence[Slot], at: Floats, start: Floats) -> float:
     """Return the loss of the independent residuals, and what the prior adds."""
     residual = whiten(here.roots, problem.measured.value - here.value, problem.measured.points)
     return robust.loss(residual) + float(np.sum(prior_precision(slots) * (at - start) ** 2))

@@ -138,7 +138,11 @@ class _Search:
         """Return (n,) what is expected at some phases once the numbers have moved."""
         value = self._fitted.value + self._fitted.jacobian.mean(axis=0) @ moved
         for where, known, phase in zip(self._problem.measured.points, self._problem.phases, phases, strict=True):
-            if phase is not None and known is not None:
+            if phase is None:
+                continue
+            if known is None:  # the fit says nothing of the phase, but how the numbers move
+                value[where] += self._expected[self._place(phase), where] - self._fitted.value[where]
+            else:
                 value[where] += self._expected[self._place(phase), where] - self._expected[self._place(known), where]
         return np.asarray(value)
 

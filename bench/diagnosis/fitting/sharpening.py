@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from bench.diagnosis.fitting import robust
 from bench.diagnosis.fitting.approach import Approach
 from bench.diagnosis.fitting.cloud import Cloud
 from bench.diagnosis.fitting.fit import finish
-from bench.diagnosis.fitting.fitted import prior_precision
-from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance, loss_left
+from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
+from bench.diagnosis.fitting.looks import loss_of
 
 if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Problem
@@ -54,9 +52,8 @@ def from_here(problem: Problem, found: Fit, seed: int) -> Approach:
     """Return where a fit is as a place to go on from."""
     first, second = (found.whiten(half, problem.measured.points) for half in found.jacobian)
     both = first.T @ second
-    prior = float(np.sum(prior_precision(found.slots) * (found.x - found.start) ** 2))
     return Approach(
         model=found.model, slots=found.slots, at=found.x, start=found.start,
-        loss=loss_left(problem, found) + prior, seed=seed,
+        loss=loss_of(problem, found, found.slots, found.x, found.start), seed=seed,
         information=robust.positive(0.5 * (both + both.T)), reach=0.0, cloud=Cloud(),
     )  # fmt: skip

@@ -31,7 +31,7 @@ class Sample:
     """Coordinates, and what two independent sensors let expect there, whose events come when the stimulus says."""
 
     at: Floats  #: (k,)
-    halves: Floats  #: (2, n)
+    halves: Floats  #: (2, n); NaN where a half says nothing: of no events there is no mean
     recordings: float
     pair: int = -1  #: samples of a pair lie to both sides of a place, in the same random numbers; -1: of none
 
@@ -39,7 +39,8 @@ class Sample:
 def sample_of(problem: Problem, at: Floats, sensors: Sequence[Sensor], pair: int = -1) -> Sample:
     """Return simulated sensors as a sample."""
     halves = [problem.expect(sensors[half::2]) for half in range(2)]
-    return Sample(at, np.stack([e.value for e in halves]), sum(e.recordings for e in halves), pair)
+    values = np.stack([np.where(e.said, e.value, np.nan) for e in halves])
+    return Sample(at, values, sum(e.recordings for e in halves), pair)
 
 
 def samples_around(
@@ -90,6 +91,9 @@ def slopes(
     not straight. The lines through the pairs are parallel, no more: how a line bends lifts both ends of it, which
     others would take for their slope where a bound leaves them one side. What later events do to latencies is known;
     a time offset is not in the samples.
+
+    A sample that says nothing of a statistic is taken to say that it is as it is here. So what depends on the number
+    of pixels, of which samples have but a part, does not change: it is judged, and no number is fitted to it.
     """
     offset = np.array([slot.free.owner == ALIGNMENT for slot in slots])
     delayed = np.array([delays(slot.free) for slot in slots]) & ~offset
@@ -106,6 +110,7 @@ def slopes(
     out = np.zeros((2, len(here.value), len(slots)))
     for half in range(2):
         values = np.stack([s.halves[half] - np.sum((s.at - at)[delayed]) * late for s in samples])
+        values = np.where(np.isfinite(values), values, here.value)
         out[half][:, ~offset] = ((back @ values) / scale[:, None])[levels.shape[1] :].T
     # What a delay does to anything but latencies, by the dead time that begins later, is not known.
     for i in np.flatnonzero(offset | delayed):

@@ -44,8 +44,8 @@ class State:
     fit: Fit
     scores: Scores
     added: str | None  #: effect; None: the model to start from
-    fall: float  #: share of what was too much in the deviance that the effect took away
     problem: Problem  #: with the phases of a ripple, and the clock, that the fit is of
+    fall: float = 0.0  #: share of what was too much in the deviance before that the effect took away
     refitted: dict[str, Found] = field(default_factory=dict)
     hopeless: frozenset[str] = frozenset()  #: effects that come nowhere near the best
     tied: tuple[str, ...] = ()

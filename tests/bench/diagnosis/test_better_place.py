@@ -67,22 +67,41 @@ def test_a_diagnosis_looks_again_at_what_is_missing_from_there(monkeypatch: pyte
     proposals: dict[float, str | None] = {9.0: "leak", 1.2: None, 1.1: "reset_noise", 1.0: None}
     left = {"leak": 1.2, "reset_noise": 1.0}
 
-    def look(fit: float, added: str | None, fall: float, number: int, in_phase: bool = False) -> Any:
-        seen.append((fit, added, fall, number))
+    def look(fit: float, added: str | None, before: Any, in_phase: bool = False) -> Any:
+        number = len(before)
+        seen.append((fit, added, number))
         return SimpleNamespace(
-            fit=fit, added=added, fall=fall, chosen=True, proposal=proposals[fit], problem=PROBLEM,
+            fit=fit, added=added, chosen=True, proposal=proposals[fit], problem=PROBLEM,
             group=(added, "light_drift") if number == 1 and fit == 1.2 else (),
         )  # fmt: skip
 
     seen: list[Any] = []
-    made._states = [look(9.0, None, 0.0, 0)]
+    made._states = [look(9.0, None, [])]
     made._look = look
     made._drop = lambda: None
-    made.add = lambda name: made._states.append(look(left[name], name, 0.9, len(made._states)))
+    made.add = lambda name: made._states.append(look(left[name], name, made._states))
     monkeypatch.setattr(diagnosis, "better_place", lambda _, last, __: 1.1 if last.fit == 1.2 else None)
-    monkeypatch.setattr(diagnosis, "deviance_beside", lambda _, fit, __: fit)
-    monkeypatch.setattr(diagnosis, "share", lambda _, before, after: (before - after) / (before - 1.0))
     made._go_on(3)
     assert [(s.fit, s.added) for s in made._states] == [(9.0, None), (1.1, "leak"), (1.0, "reset_noise")]
     assert made._states[1].group == ("leak", "light_drift")  # as it was before
-    assert seen[2] == (1.1, "leak", (9.0 - 1.1) / 8.0, 1)
+    assert seen[2] == (1.1, "leak", 1)
+
+
+def test_a_fall_is_that_of_the_fit_once_it_was_made_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit that leaves 3 of 9 is made sharper, and leaves 1.8."""
+    made: Any = object.__new__(Diagnosis)
+    made._say, made._seed = lambda _: None, 1
+    made._session = SimpleNamespace(
+        problem=PROBLEM, in_time=lambda fit, _: fit, in_phase=lambda fit, _: fit, sharpened=lambda fit, _: 0.6 * fit
+    )
+    made._probed = lambda *_: SimpleNamespace(drop=())
+    monkeypatch.setattr(diagnosis, "asks_for_more", lambda *_: False)
+    monkeypatch.setattr(diagnosis, "settled", lambda _, fit, __: fit)
+    monkeypatch.setattr(diagnosis, "with_a_detail", lambda _, fit, *__: fit)
+    monkeypatch.setattr(diagnosis, "leaves_little", lambda *_: False)
+    monkeypatch.setattr(diagnosis, "deviance_beside", lambda _, fit, __: fit)
+    monkeypatch.setattr(diagnosis, "share", lambda _, before, after: (before - after) / (before - 1.0))
+    before: Any = SimpleNamespace(fit=9.0, problem=PROBLEM)
+    found = made._look(3.0, "leak", [before])
+    assert (found.fit, found.fall) == (pytest.approx(1.8), pytest.approx(7.2 / 8.0))
+    assert made._look(9.0, None, []).fall == 0.0

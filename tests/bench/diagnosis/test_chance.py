@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,6 +42,22 @@ def test_a_run_of_the_model_scatters_as_much_from_part_of_the_pixels(problem: Pr
 
 
 @pytest.mark.slow
+def test_a_model_that_sends_other_numbers_of_events_scatters_by_its_own_number(
+    point: Callable[..., Any], run_of: Callable[..., Any]
+) -> None:
+    """Its scale is that which it has beside a run of its own."""
+    window = {"roi": Roi(40, 30, 16, 16), "periods": 20}
+    points = [point(i, c, **window) for i, c in enumerate((0.22, 0.3, 0.35, 0.45, 0.6, 0.8, 1.0, 1.2))]
+    other = replace(PIXEL, theta_on=0.6, theta_off=0.5)
+    found = []
+    for sent in (PIXEL, other):
+        with open_session([run_of(points, sent, 3)]) as session:
+            sensors = session.problem.forward.run([[other] * len(points)], seed=5, sensors=12)[0]
+            found.append(scale_of(session.problem, session.problem.expect(sensors), sensors))
+    assert found[0] == pytest.approx(found[1], rel=0.15)
+
+
+@pytest.mark.slow
 def test_what_is_expected_is_the_mean_of_all_looks_close_by_and_not_of_the_best(problem: Problem) -> None:
     slots = problem.base_slots()
     at = np.array(problem.starts(PIXEL, by_eye=False)[0])
@@ -50,6 +67,16 @@ def test_what_is_expected_is_the_mean_of_all_looks_close_by_and_not_of_the_best(
     looks = [problem.expect(problem.simulate([models], seed, 2.0)[0]) for seed in (1, 2, 3)]
     visited = list(zip((at, at.copy(), elsewhere), looks, strict=True))
     jacobian = np.full((2, len(looks[0].value), len(slots)), 10.0)
+    nothing = np.zeros(len(looks[0].value), np.bool_)
+    nothing[:3] = True
+    heard_of = np.all([look.said for look in looks], axis=0)
+    silent = replace(
+        looks[2], ratio=np.where(nothing, np.nan, looks[2].ratio), value=np.where(nothing, 0.0, looks[2].value)
+    )
+    heard = pooled(problem, [*visited[:2], (at.copy(), silent)], jacobian, at).value
+    expected = np.where(nothing, 0.5 * (looks[0].value + looks[1].value), sum(look.value for look in looks) / 3.0)
+    np.testing.assert_allclose(heard[heard_of], expected[heard_of])
     found = pooled(problem, visited, jacobian, at)
-    np.testing.assert_allclose(found.value, 0.5 * (looks[0].value + looks[1].value))
+    expected = 0.5 * (looks[0].value + looks[1].value)
+    np.testing.assert_allclose(found.value[heard_of], expected[heard_of])
     assert found.recordings == looks[0].recordings + looks[1].recordings

@@ -54,23 +54,24 @@ class MadeUp(Diagnosis):
         self.findings = ()
         self._say = lambda _: None
         self._session = SimpleNamespace(problem=self)  # type: ignore[assignment]
-        self._states = [self._look("base", None, 0.0, 0)]
+        self._states = [self._look("base", None, [])]
         self._states[0].refitted = {f.effect: f for f in rivals}
 
     def way(self, states: Sequence[Any]) -> tuple[str, ...]:
         return tuple(s.added for s in states[1:])
 
-    def _look(self, fitted: Any, added: str | None, fall: float, number: int, in_phase: bool = False) -> Any:
+    def _look(self, fitted: Any, added: str | None, before: Any, in_phase: bool = False) -> Any:
         assert not in_phase
+        falls = [1.0 - one.deviance for one in self.rivals if one.effect == added]
         return SimpleNamespace(
-            fit=fitted, added=added, fall=fall, refitted={}, proposal=None, tied=(), problem=self,
-            scores=SimpleNamespace(probes=()),
+            fit=fitted, added=added, fall=falls[0] if falls else 0.9, refitted={}, proposal=None, tied=(),
+            problem=self, scores=SimpleNamespace(probes=()),
         )  # fmt: skip
 
     def _go_on(self, most: int) -> None:
         longer = [way for way in self.left if way[:-1] == self.way(self._states) and way]
         if longer and len(self._states) <= most:
-            self._states.append(self._look(longer[0][-1], longer[0][-1], 0.9, len(self._states)))
+            self._states.append(self._look(longer[0][-1], longer[0][-1], self._states))
             self._go_on(most)
 
     def _drop(self) -> None:
@@ -123,8 +124,8 @@ def test_what_is_needless_on_another_way_is_taken_out() -> None:
     made = Needless(left, [])
     look = made._look
 
-    def with_rival(fitted: Any, added: str | None, fall: float, number: int, in_phase: bool = False) -> Any:
-        state = look(fitted, added, fall, number, in_phase)
+    def with_rival(fitted: Any, added: str | None, before: Any, in_phase: bool = False) -> Any:
+        state = look(fitted, added, before, in_phase)
         state.refitted = {"leak": found("leak", 0.1)} if added == "light_drift" else {}
         return state
 
@@ -410,8 +411,8 @@ def test_a_tie_stays_when_what_was_added_before_is_taken_out(monkeypatch: pytest
     dark, leak, noise = DarkCurrent(mean_fa=3.0), Leak(rate_per_s=0.1), ResetNoise(rms=0.02)
     made: Any = object.__new__(Diagnosis)
     made._session, made._seed, made._say = SimpleNamespace(problem="last"), 1, lambda _: None
-    made._look = lambda fit, added, fall, number: SimpleNamespace(
-        fit=fit, added=added, fall=fall, number=number, problem=made.problem
+    made._look = lambda fit, added, before: SimpleNamespace(
+        fit=fit, added=added, number=len(before), problem=made.problem
     )
     states = [
         with_effects(None, ()),

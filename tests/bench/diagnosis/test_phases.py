@@ -93,6 +93,10 @@ def test_what_a_fit_expects_at_its_phases_is_kept_and_goes_on_from_there_with_th
     moved = search.expected((2.0,), np.array([0.25]))
     assert moved[0] == pytest.approx(3.25 + math.sin(search._fine[there]) - math.sin(search._fine[here]))
     assert search.expected((None,), np.zeros(1)) == pytest.approx(search._fitted.value)
+    # A phase that was open: the fit says nothing of any.
+    search._problem = SimpleNamespace(phases=(None,), measured=search._problem.measured)  # type: ignore[assignment]
+    search._expected = search._anchored(simulated)
+    assert search.expected((2.0,), np.array([0.25])) == pytest.approx(simulated[there] + 0.25)
 
 
 def test_phases_and_numbers_that_hold_on_to_each_other_are_found_together() -> None:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from bench.diagnosis.expected.residuals import expectation, measured
+from bench.diagnosis.expected.residuals import _whitener, expectation, measured
+from bench.diagnosis.fitting.fitted import live
 from bench.diagnosis.recorded.summary import Label, Summary
 
 LABEL = Label(0, "latency", "on", "mean", "ln", 1.0, 0.4, 0.05, 0.0, 0.0, False, False)
@@ -70,3 +71,17 @@ def test_of_products_of_few_answers_nothing_is_known() -> None:
     run[7, :3] = 0.0
     known = measured([of_pairs(run)])
     assert expectation(known, [of_pairs(run)]).deviation[1] > 1e5
+
+
+def test_what_says_nothing_is_no_part_of_an_independent_residual() -> None:
+    """Of twelve statistics four say nothing, and three of the others go together."""
+    rng = np.random.default_rng(1)
+    covariance = np.diag(rng.uniform(0.5, 2.0, size=12))
+    alike, silent = np.array([1, 4, 7]), np.arange(0, 12, 3)
+    sources = rng.normal(size=(3, 5))
+    covariance[np.ix_(alike, alike)] += sources @ sources.T
+    covariance[silent, silent] = 1e12
+    root = _whitener(covariance)
+    assert int(live(root).sum()) == 8
+    np.testing.assert_array_equal(root[:, silent], 0.0)
+    assert np.linalg.eigvalsh(root @ covariance @ root.T) == pytest.approx([0.0] * 4 + [1.0] * 8, abs=1e-9)

@@ -51,3 +51,21 @@ def test_what_is_counted_in_another_unit_changes_as_much(unit: float) -> None:
     problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
     found = slopes(problem, _SLOTS, at, here, samples, directions)
     np.testing.assert_allclose(found, np.tile(_SLOPE @ there, (2, 1, 1)), rtol=1e-6, atol=1e-6)
+
+
+def test_a_sample_without_events_says_that_nothing_changes() -> None:
+    """Of two statistics a side says nothing: the other side tells half of how they change, and no more is made up."""
+    at = np.array([0.1, 0.5])
+    directions = np.diag([0.02, 0.02])
+    samples = []
+    for i, way in enumerate(directions.T):
+        for sign in (1.0, -1.0):
+            halves = np.tile(_SLOPE @ (at + sign * way), (2, 1))
+            if sign > 0.0:
+                halves[:, 1:] = np.nan
+            samples.append(Sample(at + sign * way, halves, 100.0, i))
+    here = cast("Any", SimpleNamespace(value=_SLOPE @ at))
+    problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
+    found = slopes(problem, _SLOTS, at, here, samples, directions)
+    shares = np.array([1.0, 0.5, 0.5])[:, None]
+    np.testing.assert_allclose(found, np.tile(shares * _SLOPE, (2, 1, 1)), rtol=1e-9, atol=1e-9)

@@ -83,6 +83,22 @@ def test_one_point_alone_tells_nothing_of_points_that_were_not_seen() -> None:
     assert may_be_added(problem, before, Found("leak", after, deviance(problem, after)))
 
 
+def test_points_that_were_not_seen_are_foreseen_with_what_is_known_beforehand() -> None:
+    """Each fold by itself: least squares with a prior, whose middle is not where the fit has led."""
+    known = replace(BASE.free, prior_sd=0.05)
+    start, measured = np.array([-0.2]), NOISE + 0.6 * COLUMN
+    squares = 0.0
+    for fold in range(5):
+        unseen = np.concatenate([np.arange(N)[where] for where in SLICES[fold::5]])
+        seen = np.setdiff1d(np.arange(N), unseen)
+        left = COLUMN[seen] @ COLUMN[seen] + known.prior_sd**-2
+        x = (COLUMN[seen] @ measured[seen] + start[0] * known.prior_sd**-2) / left
+        squares += float(np.sum((measured[unseen] - x * COLUMN[unseen]) ** 2))
+    x = np.array([0.5])  # the folds are fitted from there along straight lines
+    one = replace(fit_of(measured), slots=(Slot(known),), x=x, start=start, residual=measured - COLUMN * x[0])
+    assert heldout(PROBLEM, one) == pytest.approx(squares / N, rel=1e-9)
+
+
 @pytest.mark.parametrize(("points", "far_off"), [(10, False), (39, True), (100, True)])
 def test_what_is_far_off_depends_on_how_many_statistics_say_so(points: int, far_off: bool) -> None:
     """An error of 1.35 is 1.4, 2.7 and 4.4 standard deviations of chance in 20, 780 and 2000 of them, with 1.25."""
