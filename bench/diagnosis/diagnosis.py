@@ -24,7 +24,7 @@ from bench.diagnosis.searching.remainder import remainder_of
 from bench.diagnosis.searching.screen import score
 from bench.diagnosis.searching.shortlist import ALPHA, Shortlist
 from bench.diagnosis.searching.sizing import probe
-from bench.diagnosis.searching.state import State, can_judge, is_explained, leaves_little
+from bench.diagnosis.searching.state import State, can_judge, is_explained, leaves_little, strengths
 from bench.diagnosis.searching.taking_out import to_take_out, without
 from bench.diagnosis.searching.ties import told_apart
 from bench.diagnosis.searching.trends import clear_trends
@@ -403,9 +403,10 @@ class Diagnosis:
         """Take out effects that were added before and have turned out to be needless."""
         while len(self._states) > 2:
             last = self._states[-1]
-            names = [s.added for s in self._states[1:-1] if s.added is not None]
+            sigmas = strengths(self.problem, self._states)
+            earlier = {name: sigmas[name] for name in sigmas if name != last.added}
             explained = is_explained(self.problem, last)
-            found = to_take_out(self.problem, last.fit, names, explained, self._seed + 41, self._say)
+            found = to_take_out(self.problem, last.fit, earlier, explained, self._seed + 41, self._say)
             if found is None:
                 return
             name, again = found

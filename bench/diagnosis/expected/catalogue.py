@@ -293,6 +293,8 @@ def why_not(effect: type[Effect], model: PixelModel, points: Sequence[PointData]
         return "other thresholds do the same, and they are fitted"
     if effect.id == "nd_error" and not any(p.nd_od > 0.0 for p in points):
         return "no filter was in the light"
+    if effect.id == "nd_error" and not any(e.knows_light for e in model.effects):
+        return "nothing in the model depends on how much light there is"
     if effect.id in OF_ALL_PIXELS and any(p.stored_roi is not None for p in points):
         return "it shows in the whole window, of which a part is looked at (--whole looks at all of it)"
     if _takes_hours([effect.id, *(e.id for e in model.effects)]):

@@ -36,7 +36,7 @@ def better_place(problem: Problem, state: State, seed: int) -> Fit | None:
         return None
     better = [
         one for one in state.refitted.values()
-        if one.deviance < enough and one.phases is None and needless(problem, one.fit, one.effect)
+        if one.deviance < enough and one.phases is None and needless(problem, state.fit, one.fit, one.effect)
     ]  # fmt: skip
     if not better:
         return None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.expected.catalogue import sized, switches
+from bench.diagnosis.expected.catalogue import is_of_few, sized, switches
 from bench.diagnosis.searching.apart import differences, product, surely
 from bench.diagnosis.searching.screen import basis_of, beyond, extended
 
@@ -75,7 +75,9 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
     fit, points = one.fit, problem.measured.points
     basis = basis_of(fit, problem, without=one.effect)
     models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
-    apart = _apart(problem, one, basis, [models], seed, _EFFORT, _TIMES)[0].mean(axis=0)
+    # Of what few pixels have a simulated sensor has none, or twice as much.
+    effort = _DOUBTFUL[0] if is_of_few(one.effect) else _EFFORT
+    apart = _apart(problem, one, basis, [models], seed, effort, _TIMES)[0].mean(axis=0)
     both = fit.whiten(fit.residual + other.fit.residual, points)
     left = beyond(basis, extended(fit, both[:, None]))[:, 0]
     return float(_clipped(left) @ apart) / fit.common

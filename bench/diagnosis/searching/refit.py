@@ -13,8 +13,10 @@ from bench.diagnosis.fitting.fit import finish
 from bench.diagnosis.fitting.in_phase import has_open_ripple, in_phase
 from bench.diagnosis.fitting.judging import (
     NEARLY_ALL,
+    deviance,
     deviance_beside,
     deviance_per_dof,
+    freedom,
     is_far_off,
     loss_left,
     share,
@@ -32,11 +34,11 @@ if TYPE_CHECKING:
     from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.searching.screen import Scores
 
-__all__ = ["STILL_NEEDED", "Found", "Refitted", "needless", "refitted", "strength"]
+__all__ = ["NEEDED", "STILL_NEEDED", "Found", "Refitted", "needless", "refitted", "strength"]
 
 #: An effect whose numbers are all fewer standard errors from null is needless; one that was added before it was known
 #: what else is missing is so up to the size that a search among all effects takes for more than chance.
-_NEEDED: Final = 2.0
+NEEDED: Final = 2.0
 STILL_NEEDED: Final = 3.3
 #: A fit is made sharper where the loss has fallen by less than this share of what was promised, or the deviance has
 #: risen, if the promise is more than that of chance, and the loss is no larger than so many times what it was.
@@ -271,17 +273,27 @@ def _raced(problem: Problem, entrants: Sequence[Approach], most: int | None, lea
     return [raced[k] for k in range(len(entrants))]
 
 
-def needless(problem: Problem, one: Fit, effect_id: str) -> bool:
-    """Return whether all numbers of an effect are within chance of null."""
-    return strength(problem, one, effect_id) < _NEEDED
+def needless(problem: Problem, before: Fit, one: Fit, effect_id: str) -> bool:
+    """Return whether all numbers of an effect are within chance of null; see :func:`strength`."""
+    return strength(problem, before, one, effect_id) < NEEDED
 
 
-def strength(problem: Problem, one: Fit, effect_id: str) -> float:
-    """Return by how many standard errors the clearest of the numbers that switch an effect on is off null."""
+def strength(problem: Problem, before: Fit, one: Fit, effect_id: str) -> float:
+    """Return by how many standard errors the clearest of the numbers that switch an effect on is off null.
+
+    How many pixels have what few of them have is known from so few to no better than their root, were it beyond doubt
+    that there is one: of that the fall of the deviance tells.
+
+    Parameters
+    ----------
+    before
+        A model without the effect.
+    """
+    if is_of_few(effect_id):
+        left = deviance(problem, one, before.scale) / freedom(one) * freedom(before)
+        return math.sqrt(max(deviance(problem, before) - left, 0.0))
     effect = next(e for e in one.model.effects if e.id == effect_id)
-    # Which few pixels have it is the effect itself: where there is none, nothing of that is frozen in the pixels.
-    beside = replace(one, frozen=None) if is_of_few(effect_id) else one
-    sd = np.sqrt(np.diag(beside.covariance(problem.measured.points)))
+    sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
     names = {f.name for f in switches(type(effect))}
     mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id and s.free.name in names]
     return float(max(abs(one.x[i]) / sd[i] for i in mine))

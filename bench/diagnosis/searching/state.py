@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
+from bench.diagnosis.expected.catalogue import is_of_few
 from bench.diagnosis.fitting.judging import NEARLY_ALL, excess, heldout, is_far_off, share
-from bench.diagnosis.searching.refit import needless
+from bench.diagnosis.searching.refit import needless, strength
 from sim_backend.pixel.effects.light_rise_time import LightRiseTime
 from sim_backend.pixel.effects.timestamp_jitter import TimestampJitter
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bench.diagnosis.expected.parameters import Free
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
@@ -25,6 +29,7 @@ __all__ = [
     "is_explained",
     "leaves_little",
     "may_be_added",
+    "strengths",
 ]
 
 #: The deviance of a true model is larger than expected by so many standard deviations hardly ever.
@@ -55,6 +60,18 @@ class State:
     chosen: bool = False  #: whether a proposal was looked for
 
 
+def strengths(problem: Problem, states: Sequence[State]) -> dict[str, float]:
+    """Return by how many standard errors each effect that was added is off null in the last model.
+
+    Of what few pixels have it is what it took away when it was added.
+    """
+    last = states[-1].fit
+    return {
+        after.added: strength(problem, before.fit, after.fit if is_of_few(after.added) else last, after.added)
+        for before, after in pairwise(states) if after.added is not None
+    }  # fmt: skip
+
+
 def leaves_little(problem: Problem, one: Fit) -> bool:
     """Return whether a model leaves no more than chance does in all squares together."""
     return excess(problem, one) <= _EXPLAINED
@@ -69,7 +86,9 @@ def may_be_added(problem: Problem, before: Fit, found: Found) -> bool:
     """Return whether a fitted effect is there, is coarser than the grid of the simulation, and no mere stand-in."""
     numbers = zip(found.fit.slots, found.fit.x, strict=True)
     coarse = all(_coarse(problem, s.free, float(x)) for s, x in numbers if s.free.owner == found.effect)
-    return coarse and not needless(problem, found.fit, found.effect) and not _stands_in(problem, before, found)
+    return (
+        coarse and not needless(problem, before, found.fit, found.effect) and not _stands_in(problem, before, found)
+    )
 
 
 def _stands_in(problem: Problem, before: Fit, found: Found) -> bool:

@@ -13,10 +13,10 @@ from bench.diagnosis.fitting.approach import approach
 from bench.diagnosis.fitting.fit import finish
 from bench.diagnosis.fitting.judging import deviance
 from bench.diagnosis.searching.likeness import nearer
-from bench.diagnosis.searching.refit import STILL_NEEDED, Found, strength
+from bench.diagnosis.searching.refit import STILL_NEEDED, Found
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Mapping
 
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
@@ -30,7 +30,7 @@ _OTHER_SEED: Final = 57
 
 
 def to_take_out(
-    problem: Problem, one: Fit, names: Iterable[str], explained: bool, seed: int,
+    problem: Problem, one: Fit, sigmas: Mapping[str, float], explained: bool, seed: int,
     say: Callable[[str], None] = lambda _: None,
 ) -> tuple[str, Fit] | None:  # fmt: skip
     """Return an effect that is needless, and the model without it, fitted; None: all are needed.
@@ -39,20 +39,19 @@ def to_take_out(
     ----------
     one
         The fitted model.
-    names
-        Effects that were added before the last one.
+    sigmas
+        By how many standard errors effects that were added before the last one are off null.
     explained
         Whether the model explains the run: only then it tells which of them are in doubt.
     say
         Called with what is being done.
     """
-    strengths = {name: strength(problem, one, name) for name in names}
-    for name in sorted(strengths, key=lambda name: strengths[name]):
-        if strengths[name] >= (_DOUBTED if explained else STILL_NEEDED):
+    for name in sorted(sigmas, key=lambda name: sigmas[name]):
+        if sigmas[name] >= (_DOUBTED if explained else STILL_NEEDED):
             break
         say(f"fitting without {name}")
         again = without(problem, one, name, seed)
-        if strengths[name] < STILL_NEEDED or _is_as_good(problem, again, one, name, seed):
+        if sigmas[name] < STILL_NEEDED or _is_as_good(problem, again, one, name, seed):
             return name, again
     return None
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from bench.diagnosis.fitting.judging import NEARLY_ALL, share_of_loss
-from bench.diagnosis.searching.refit import needless
-from bench.diagnosis.searching.state import is_explained
+from bench.diagnosis.searching.refit import NEEDED
+from bench.diagnosis.searching.state import is_explained, strengths
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,8 +30,7 @@ def verdict_of(
     nothing explains, only those are named that take away nearly all of what was too much.
     """
     if is_explained(problem, states[-1]):
-        last = states[-1].fit
-        named = tuple(s.added for s in states[1:] if s.added is not None and not needless(problem, last, s.added))
+        named = tuple(name for name, sigmas in strengths(problem, states).items() if sigmas >= NEEDED)
         return ("explained" if named else "unexplained" if stopped else "nothing_missing"), named
     sure = (
         after.added for before, after in pairwise(states)

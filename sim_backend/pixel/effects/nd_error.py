@@ -26,6 +26,7 @@ class NdError(Effect):
 
     id: ClassVar[str] = "nd_error"
     stage: ClassVar[Stage] = "light"
+    knows_light: ClassVar[bool] = False  #: by itself: it shows where another effect does
     sign: ClassVar[str] = (
         "Low-light curves jump where the filter goes in, if anything else depends on the absolute light."
     )

@@ -23,7 +23,7 @@ def by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "deviance", lambda _, fit: fit)
     monkeypatch.setattr(module, "deviance_per_dof", lambda _, fit: fit / N)
     monkeypatch.setattr(module, "deviance_beside", lambda _, fit, __: fit)
-    monkeypatch.setattr(module, "needless", lambda _, __, effect: effect != "needed")
+    monkeypatch.setattr(module, "needless", lambda _, __, ___, effect: effect != "needed")
     monkeypatch.setattr(module, "without", lambda _, fit, *__: fit + 3.0)
 
 

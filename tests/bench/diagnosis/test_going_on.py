@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,8 @@ import pytest
 from bench.diagnosis.diagnosis import Diagnosis
 from bench.diagnosis.expected.parameters import Free
 from bench.diagnosis.expected.problem import Slot
-from bench.diagnosis.searching import taking_out
+from bench.diagnosis.fitting.fitted import Fit
+from bench.diagnosis.searching import state, taking_out
 from bench.diagnosis.searching.refit import needless
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import DarkCurrent, HotPixels, Leak
@@ -107,7 +108,8 @@ PROBLEM: Any = SimpleNamespace(measured=SimpleNamespace(points=()))
 
 @pytest.mark.parametrize(("sigmas", "verdict"), [(1.5, True), (2.8, False), (-2.8, False)])
 def test_what_chance_makes_is_needless(sigmas: float, verdict: bool) -> None:
-    assert needless(PROBLEM, fit_at({"dark_current": sigmas, "leak": 9.0}), "dark_current") is verdict
+    one = fit_at({"dark_current": sigmas, "leak": 9.0})
+    assert needless(PROBLEM, one, one, "dark_current") is verdict
 
 
 @pytest.mark.parametrize(
@@ -135,31 +137,37 @@ def test_what_does_not_stand_far_out_is_tried_without(
     monkeypatch.setattr(taking_out, "deviance", lambda _, __: 600.0)
     monkeypatch.setattr(taking_out, "nearer", lambda *_: -rises)
     fit = fit_at({"dark_current": dark, "leak": leak})
-    found: Any = taking_out.to_take_out(PROBLEM, fit, FIELDS, explained, 1)
+    sigmas = {"dark_current": dark, "leak": leak}
+    found: Any = taking_out.to_take_out(PROBLEM, fit, sigmas, explained, 1)
     assert found == (None if expected is None else (expected, f"without {expected}"))
     assert asked == tried
 
 
-@dataclass(frozen=True)
-class Frozen:
-    """A fitted number that chance leaves to 1, and what is frozen in the pixels to `frozen` more."""
+@pytest.mark.parametrize(("falls", "verdict"), [(75.0, False), (3.0, True), (-20.0, True)])
+def test_one_hot_pixel_is_seen_though_the_next_sensor_may_have_none(falls: float, verdict: bool) -> None:
+    """How many there are is known to no better than their root: of one, to one; what it does is beyond doubt."""
+    n, effect = 700, HotPixels(fraction=1.0 / 256.0, rate_hz=10.0)
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=(slice(0, n),)))
+    slot = Slot(Free(effect.id, "fraction", "fraction", "1", "linear", 0.0, 1e3, 3.0))
+    before, after = (
+        Fit(
+            model=PixelModel() + effect, slots=(slot,), x=np.array([1.0 / 256.0]), start=np.zeros(1),
+            value=np.zeros(n), ratio=np.zeros(n), roots=(np.eye(n),), deviation=np.ones(n),
+            jacobian=256.0 * np.ones((2, n, 1)) / n**0.5,
+            scale=scale, residual=np.full(n, math.sqrt(squares / n)),
+        )
+        for squares, scale in ((800.0, 1.0), (800.0 - falls, 1.1))
+    )  # fmt: skip
+    assert needless(problem, before, after, effect.id) is verdict
 
-    model: PixelModel
-    slots: tuple[Slot, ...]
-    x: np.ndarray[Any, Any]
-    frozen: np.ndarray[Any, Any] | None
 
-    def covariance(self, _: Any) -> Any:
-        return np.eye(1) + (0.0 if self.frozen is None else np.diag(self.frozen))
-
-
-@pytest.mark.parametrize(("effect", "field", "verdict"), [
-    (HotPixels(fraction=0.01, rate_hz=10.0), "fraction", False),
-    (DarkCurrent(1.0), "mean_fa", True),
-])  # fmt: skip
-def test_one_hot_pixel_is_seen_though_the_next_sensor_may_have_none(effect: Any, field: str, verdict: bool) -> None:
-    """How many there are is frozen in the sensor: that is no doubt about whether this one has any."""
-    slot = Slot(Free(effect.id, field, field, "1", "linear", 0.0, 1e3, 3.0))
-    fit: Any = Frozen(PixelModel() + effect, (slot,), np.array([10.0]), np.array([100.0]))
-    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=()))
-    assert needless(problem, fit, effect.id) is verdict
+def test_what_few_pixels_have_stands_out_by_what_it_took_away_when_it_was_added(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of others the last model tells."""
+    states: Any = [SimpleNamespace(fit=i, added=a) for i, a in enumerate((None, "hot_pixels", "leak", "crosstalk"))]
+    monkeypatch.setattr(state, "strength", lambda _, before, one, name: (before, one, name))
+    found: Any = state.strengths(PROBLEM, states)
+    assert found == {
+        "hot_pixels": (0, 1, "hot_pixels"), "leak": (1, 3, "leak"), "crosstalk": (2, 3, "crosstalk"),
+    }  # fmt: skip

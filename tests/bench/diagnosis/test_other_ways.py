@@ -433,7 +433,7 @@ def test_a_tie_stays_when_what_was_added_before_is_taken_out(monkeypatch: pytest
     monkeypatch.setattr(diagnosis, "is_explained", lambda *_: True)
     monkeypatch.setattr(diagnosis, "to_take_out", to_take_out)
     monkeypatch.setattr(diagnosis, "without", without)
-    monkeypatch.setattr(diagnosis, "deviance_beside", lambda *_: 0.0)
+    monkeypatch.setattr(diagnosis, "strengths", lambda _, states: {s.added: 4.0 for s in states[1:]})
     made._drop()
     assert [state.added for state in made._states] == [None, dark.id, leak.id]
     assert [state.fit.model.effects for state in made._states] == [(), (dark,), (dark, leak)]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -80,3 +82,11 @@ def test_why_an_effect_is_not_looked_for_is_said(effect_id: str, has: tuple[Effe
     model = PixelModel(effects=has)
     assert why_not(effects()[effect_id], model, []) == reason
     assert why_not(effects()["dark_current"], model, []) is None
+
+
+def test_a_filter_is_not_looked_at_where_nothing_depends_on_how_much_light_there_is() -> None:
+    """There what is simulated with the error differs from what is without by chance alone."""
+    filtered: Any = SimpleNamespace(nd_od=3.0, stored_roi=None)
+    nothing = why_not(effects()["nd_error"], PixelModel() + Leak(), [filtered])
+    assert nothing == "nothing in the model depends on how much light there is"
+    assert why_not(effects()["nd_error"], PixelModel() + Leak() + DarkCurrent(), [filtered]) is None

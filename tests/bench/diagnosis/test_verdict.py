@@ -51,7 +51,7 @@ def test_a_search_that_was_stopped_does_not_say_that_nothing_is_missing(
     added: tuple[str, ...], stopped: bool, expected: tuple[str, tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("bench.diagnosis.searching.verdict.is_explained", lambda *_: True)
-    monkeypatch.setattr("bench.diagnosis.searching.verdict.needless", lambda *_: False)
+    monkeypatch.setattr("bench.diagnosis.searching.verdict.strengths", lambda *_: dict.fromkeys(added, 9.0))
     states: Any = [SimpleNamespace(added=name, fit=None) for name in (None, *added)]
     problem: Any = None
     assert verdict_of(problem, states, stopped) == expected
@@ -59,8 +59,12 @@ def test_a_search_that_was_stopped_does_not_say_that_nothing_is_missing(
 
 def test_what_is_within_chance_of_nothing_in_the_end_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """A person added it, or a sharper fit has shown it."""
+
+    def sigmas(_: Any, states: Any) -> dict[str, float]:
+        return {s.added: 1.5 if s.added == "leak" else 2.5 for s in states[1:]}
+
     monkeypatch.setattr("bench.diagnosis.searching.verdict.is_explained", lambda *_: True)
-    monkeypatch.setattr("bench.diagnosis.searching.verdict.needless", lambda _, __, name: name == "leak")
+    monkeypatch.setattr("bench.diagnosis.searching.verdict.strengths", sigmas)
     problem: Any = None
     states: Any = [SimpleNamespace(added=name, fit=None) for name in (None, "crosstalk", "leak")]
     assert verdict_of(problem, states) == ("explained", ("crosstalk",))
