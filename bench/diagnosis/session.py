@@ -16,7 +16,7 @@ from bench.diagnosis.expected.problem import Problem
 from bench.diagnosis.fitting.approach import approach
 from bench.diagnosis.fitting.fit import finish, fit
 from bench.diagnosis.fitting.in_phase import has_open_ripple, in_phase, tuned
-from bench.diagnosis.fitting.judging import deviance_per_dof
+from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
 from bench.diagnosis.fitting.sharpening import asks_for_more, from_here, sharpened
 from bench.diagnosis.recorded.excerpt import ENOUGH_EVENTS, beginnings, middles, shortened_text
 from bench.diagnosis.recorded.ripple import with_ripple
@@ -100,14 +100,18 @@ class Session:
         return self.in_phase(finish(self.problem, again), seed + 9)
 
     def in_time(self, found: Fit, seed: int) -> Fit:
-        """Return a fit, or a better one of events which are simulated as late as it says, if they were not."""
+        """Return a fit, or one of events which are simulated as late as it says, if they were not.
+
+        That is as it should be: it is kept unless it leaves more than chance does, and more than the first.
+        """
         for number in range(_ROUNDS):
             problem = _in_time(self.problem, found.slots, found.x)
             late_us = abs(problem.forward.late_us - self.problem.forward.late_us)
             if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _STANDS_IN:
                 break
             again = finish(problem, from_here(problem, found, seed + 10 * number))
-            if deviance_per_dof(problem, again) >= deviance_per_dof(self.problem, found):
+            worse = deviance_per_dof(problem, again) >= deviance_per_dof(self.problem, found)
+            if worse and leaves_more_than_chance(problem, again):
                 break
             self.problem, found = problem, again
         return found

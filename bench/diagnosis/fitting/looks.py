@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["delays", "expect_roughly", "later", "loss_of", "shifted"]
+__all__ = ["delays", "expect_roughly", "later", "loss_of", "loss_of_fit", "shifted"]
 
 #: Effort of one expectation on the way to the minimum.
 _ROUGH: Final = 0.06
@@ -73,7 +73,18 @@ def shifted(problem: Problem, here: Expectation, slots: Sequence[Slot], x: Float
     return replace(here, value=here.value + late * later(problem, here)) if late else here
 
 
-def loss_of(problem: Problem, here: Expectation | Fit, slots: Sequence[Slot], at: Floats, start: Floats) -> float:
+def loss_of(problem: Problem, here: Expectation, slots: Sequence[Slot], at: Floats, start: Floats) -> float:
     """Return the loss of the independent residuals, and what the prior adds."""
-    residual = whiten(here.roots, problem.measured.value - here.value, problem.measured.points)
-    return robust.loss(residual) + float(np.sum(prior_precision(slots) * (at - start) ** 2))
+    return _loss(problem, here.roots, here.value, slots, at - start)
+
+
+def loss_of_fit(problem: Problem, one: Fit) -> float:
+    """Return the loss of a fit, as that of a place on the way there."""
+    return _loss(problem, one.roots, one.value, one.slots, one.x - one.start)
+
+
+def _loss(
+    problem: Problem, roots: Sequence[Floats], value: Floats, slots: Sequence[Slot], away: Floats
+) -> float:  # fmt: skip
+    residual = whiten(roots, problem.measured.value - value, problem.measured.points)
+    return robust.loss(residual) + float(np.sum(prior_precision(slots) * away**2))

@@ -13,7 +13,7 @@ from bench.diagnosis.fitting.approach import Approach
 from bench.diagnosis.fitting.cloud import Cloud
 from bench.diagnosis.fitting.fit import finish
 from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
-from bench.diagnosis.fitting.looks import loss_of
+from bench.diagnosis.fitting.looks import loss_of_fit
 
 if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Problem
@@ -54,6 +54,6 @@ def from_here(problem: Problem, found: Fit, seed: int) -> Approach:
     both = first.T @ second
     return Approach(
         model=found.model, slots=found.slots, at=found.x, start=found.start,
-        loss=loss_of(problem, found, found.slots, found.x, found.start), seed=seed,
+        loss=loss_of_fit(problem, found), seed=seed,
         information=robust.positive(0.5 * (both + both.T)), reach=0.0, cloud=Cloud(),
     )  # fmt: skip

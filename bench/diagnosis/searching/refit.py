@@ -21,7 +21,7 @@ from bench.diagnosis.fitting.judging import (
     loss_left,
     share,
 )
-from bench.diagnosis.fitting.looks import loss_of
+from bench.diagnosis.fitting.looks import loss_of_fit
 from bench.diagnosis.fitting.sharpening import EXPLAINS, NEARBY, from_here, is_costly, sharpened
 from bench.diagnosis.searching.race import Raced, entrant, near_by, race
 from bench.diagnosis.searching.valley import through_the_valley
@@ -133,8 +133,7 @@ class _Fits:
     def add(self, k: int, way: Approach) -> None:
         """Fit a candidate from some place on, and keep that if it is better than what is known of it."""
         problem, here = self._problem, self._here
-        fits = [one.fit for one in self.found.values()]
-        beat = min((loss_of(problem, one, one.slots, one.x, one.start) for one in fits), default=math.inf)
+        beat = min((loss_of_fit(problem, one.fit) for one in self.found.values()), default=math.inf)
         reached = finish(problem, way, beat=beat)
         fitted = _kept(problem, here, reached, self._promised[k], self._seed + _AGAIN)
         again = Found(self._names[k], fitted, deviance_beside(problem, fitted, here))

@@ -19,7 +19,7 @@ N, BEFORE = 800, 100.0
 @pytest.fixture
 def fits(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Return a function that gives candidates; a way is the error that a fit ends with, or a place with one."""
-    monkeypatch.setattr(refit, "loss_left", lambda _, one: N * one.error)
+    monkeypatch.setattr(refit, "loss_of_fit", lambda _, one: N * one.error)
     monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: N * one.error)
     monkeypatch.setattr(refit, "deviance_per_dof", lambda _, one: one.error)
     monkeypatch.setattr(refit, "share", lambda _, before, left: (before.error - left / N) / (before.error - 1.0))
