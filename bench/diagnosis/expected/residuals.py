@@ -127,6 +127,10 @@ class Expectation:
         """(n,) of what the simulated recordings said anything: of no events there is no mean."""
         return np.isfinite(self.ratio)
 
+    def value_or(self, otherwise: Floats) -> Floats:
+        """(n,) what is expected, transformed; something else (n,) where simulated recordings said nothing."""
+        return np.where(self.said, self.value, otherwise)
+
     @property
     def more(self) -> float:
         """Variance of measured less expected, beside that of a recording."""

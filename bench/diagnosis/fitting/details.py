@@ -14,11 +14,9 @@ import numpy as np
 from bench.diagnosis.expected.catalogue import details_of
 from bench.diagnosis.expected.parameters import put
 from bench.diagnosis.expected.problem import Slot
-from bench.diagnosis.fitting import robust
 from bench.diagnosis.fitting.approach import approach
-from bench.diagnosis.fitting.explaining import explain
+from bench.diagnosis.fitting.explaining import followed
 from bench.diagnosis.fitting.fit import finish
-from bench.diagnosis.fitting.fitted import whiten
 from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
 from bench.diagnosis.fitting.looks import shifted
 from bench.diagnosis.fitting.steps import inside
@@ -84,20 +82,12 @@ def _most_promising(
     left = []
     for sensors in problem.simulate(models, seed, _EFFORT):
         there = shifted(problem, problem.expect(sensors), found.slots, found.x)
-        left.append(_left(problem, found, there.value))
+        left.append(followed(problem, found, there.value_or(found.value)))
     best = int(np.argmin([loss for loss, _ in left[1:]]))
     loss, moved = left[1 + best]
     if loss > left[0][0] - least:
         return None
     return *tries[best], inside(found.slots, found.x + moved)
-
-
-def _left(problem: Problem, found: Fit, value: Floats) -> tuple[float, Floats]:
-    """Return the loss beside what is expected once the free numbers have followed, and how far they go."""
-    points = problem.measured.points
-    residual = whiten(found.roots, problem.measured.value - value, points)
-    followed = explain(found, whiten(found.roots, found.jacobian.mean(axis=0), points), residual, None)
-    return robust.loss(residual) - followed.fall, followed.base
 
 
 def _set_free(problem: Problem, found: Fit, free: Free, value: float, others: Floats, seed: int) -> Fit:

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from bench.diagnosis.fitting import robust
-from bench.diagnosis.fitting.fitted import prior_precision
+from bench.diagnosis.fitting.fitted import prior_precision, whiten
 from bench.diagnosis.fitting.steps import longest_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.fitting.probe import Probe
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["BEYOND", "Explained", "explain"]
+__all__ = ["BEYOND", "Explained", "explain", "followed"]
 
 #: A probe says something about effects up to so many times its size.
 BEYOND: Final = 2.0
@@ -58,3 +59,17 @@ def explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> E
     c, fall = robust.solve(columns, residual, precision, towards, lowest, highest)
     k, at = len(longest), np.array(one.at if one is not None else ())
     return Explained(c[:k], c[k:] * at, fall)
+
+
+def followed(problem: Problem, fit: Fit, value: Floats) -> tuple[float, Floats]:
+    """Return the loss beside what is expected once the free numbers have followed, and how far (b,) they go.
+
+    Parameters
+    ----------
+    value
+        (n,) expected while they stay.
+    """
+    points = problem.measured.points
+    residual = whiten(fit.roots, problem.measured.value - value, points)
+    moved = explain(fit, whiten(fit.roots, fit.jacobian.mean(axis=0), points), residual, None)
+    return robust.loss(residual) - moved.fall, moved.base

@@ -1,21 +1,25 @@
 """A fit that may have stopped in a valley is done again, from other places.
 
-Two kinds of valleys are known. What is known beforehand, a dead time, was let go and stands in for something else.
-And a shape trades places with a size along a bent line: slow noise of twice the rms and four times the time wanders
-as far in a pulse. What is left in a valley looks as if an effect were missing.
+Three kinds of valleys are known. What is known beforehand, a dead time, was let go and stands in for something else.
+A shape trades places with a size along a bent line: slow noise of twice the rms and four times the time wanders
+as far in a pulse. And of a threshold of which only rare events tell nothing tells where none is expected: there is no
+slope that leads back. What is left in a valley looks as if an effect were missing.
 """
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from bench.diagnosis.expected.catalogue import details_of, switches
 from bench.diagnosis.fitting.approach import approach, known_beforehand
+from bench.diagnosis.fitting.explaining import followed
 from bench.diagnosis.fitting.fit import finish
 from bench.diagnosis.fitting.fitted import prior_precision, solve
 from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
+from bench.diagnosis.fitting.looks import shifted
 from bench.diagnosis.fitting.steps import inside
 
 if TYPE_CHECKING:
@@ -41,6 +45,14 @@ _BETTER: Final = 0.03
 _STEPS: Final = 3
 _SHAPES: Final = (0.5, 2.0)
 _ROUNDS: Final = 3
+#: Thresholds that are looked at beside the one found, closely: rare events come and go within a tenth of it. The
+#: effort for each; one is gone on from where the loss is lower by so much.
+_THRESHOLDS: Final = "thresholds"
+_RESPONSE: Final = "response"
+_THRESHOLD_FACTORS: Final = (0.63, 0.71, 0.79, 0.89, 1.12, 1.26, 1.41)
+_EFFORT: Final = 4.0
+_LEAST_FALL: Final = 15.0
+_LOOKED_AT: Final = 7
 
 
 def settled(problem: Problem, found: Fit, seed: int) -> Fit:
@@ -58,9 +70,10 @@ def settled(problem: Problem, found: Fit, seed: int) -> Fit:
         if deviance_per_dof(problem, found) > most or not leaves_more_than_chance(problem, found):
             return found
         places += _other_shapes(problem, found, shapes)
+        places += _other_thresholds(problem, found, seed + 10 * number + _LOOKED_AT)
         tried = [_from(problem, found, to, seed + 10 * number + i) for i, to in enumerate(places)]
         best = min([found, *tried], key=lambda one: deviance_per_dof(problem, one))
-        if not shapes or deviance_per_dof(problem, best) > (1.0 - _BETTER) * deviance_per_dof(problem, found):
+        if deviance_per_dof(problem, best) > (1.0 - _BETTER) * deviance_per_dof(problem, found):
             return best
         found, places = best, []
     return found
@@ -85,16 +98,46 @@ def _from(problem: Problem, found: Fit, place: Floats, seed: int) -> Fit:
     return finish(problem, near)
 
 
+def _other_thresholds(problem: Problem, found: Fit, seed: int) -> list[Floats]:
+    """Return the best place with another threshold, the others following along straight lines, if it is better.
+
+    It is looked for where no pulses ask for the polarity. With the same random numbers at all of them, so that their
+    differences are sharp.
+    """
+    answers = {label.part for label in problem.measured.labels if label.view == _RESPONSE}
+    mine = [
+        i for i, slot in enumerate(found.slots) if slot.free.owner == _THRESHOLDS and slot.free.name not in answers
+    ]
+    changes = list(product(mine, _THRESHOLD_FACTORS))
+    if not changes:
+        return []
+    tries = [_with_other(found, i, factor) for i, factor in changes]
+    models = [problem.models(found.model, found.slots, x) for x in (found.x, *tries)]
+    here, *there = (
+        followed(problem, found, shifted(problem, problem.expect(sensors), found.slots, x).value_or(found.value))
+        for x, sensors in zip((found.x, *tries), problem.simulate(models, seed, _EFFORT), strict=True)
+    )
+    best = int(np.argmin([loss for loss, _ in there]))
+    loss, moved = there[best]
+    moved[changes[best][0]] = 0.0
+    return [inside(found.slots, tries[best] + moved)] if loss < here[0] - _LEAST_FALL else []
+
+
+def _with_other(found: Fit, i: int, factor: float) -> Floats:
+    """Return coordinates with one number multiplied by a factor."""
+    free, to = found.slots[i].free, found.x.copy()
+    to[i] = free.coordinate(factor * free.value(float(to[i])))
+    return inside(found.slots, to)
+
+
 def _other_shapes(problem: Problem, found: Fit, shapes: Sequence[int]) -> Iterator[Floats]:
     """Yield places with another shape, to which the other numbers follow along straight lines."""
     columns = found.whiten(found.jacobian.mean(axis=0), problem.measured.points)
     precision = prior_precision(found.slots)
     for i in shapes:
-        free = found.slots[i].free
         others = np.arange(len(found.x)) != i
         for factor in _SHAPES:
-            moved = free.coordinate(factor * free.value(float(found.x[i]))) - found.x[i]
-            to = found.x.copy()
-            to[i] += moved
+            to = _with_other(found, i, factor)
+            moved = to[i] - found.x[i]
             to[others] -= solve(columns[:, others], columns[:, i] * moved, precision[others])
             yield inside(found.slots, to)

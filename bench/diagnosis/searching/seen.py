@@ -43,7 +43,8 @@ def best_seen(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed:
     )
     # An effect that makes everything uncertain explains nothing: all are judged with the same standard errors.
     points, caution = problem.measured.points, math.sqrt(fit.caution)
-    left = [whiten(here.roots, problem.measured.value - e.value, points) / caution for e in (here, *there)]
+    values = [e.value_or(here.value) for e in (here, *there)]
+    left = [whiten(here.roots, problem.measured.value - value, points) / caution for value in values]
     alone, *losses = (robust.loss(residual) for residual in left)
     best = [Seen(1.0, 0.0)] * len(effects)
     for (number, factor), loss in zip(tried, losses, strict=True):

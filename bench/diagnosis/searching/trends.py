@@ -103,9 +103,10 @@ def _scatter(problem: Problem, one: Fit, directions: Sequence[_Direction], seed:
     """Return the standard deviation of trends from one simulated sensor to the next."""
     models = problem.models(one.model, one.slots, one.x)
     number = min(max(int(_RUNS / max(problem.cost(models), 1.0)), _FEWEST), _SENSORS)
-    values = np.stack([problem.expect([s]).value for s in problem.whole_sensors(models, seed, number)], axis=1)
-    away = values - values.mean(axis=1, keepdims=True)
-    known = np.where(one.known[:, None], away, 0.0)
+    seen = [problem.expect([s]) for s in problem.whole_sensors(models, seed, number)]
+    values = np.stack([e.value for e in seen], axis=1)
+    said = np.all([e.said for e in seen], axis=0)
+    known = np.where((one.known & said)[:, None], values - values.mean(axis=1, keepdims=True), 0.0)
     white = extended(one, one.whiten(known, problem.measured.points))
     scores = np.stack([d.unit for d in directions]) @ white
     return np.asarray(np.sqrt(np.sum(scores**2, axis=1) / (number - 1.0)))

@@ -66,7 +66,7 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Any], float]], 
 
 
 def problem(**given: Any) -> Any:
-    return SimpleNamespace(given=given, measured=SimpleNamespace(points=None))
+    return SimpleNamespace(given=given, measured=SimpleNamespace(points=None, labels=()))
 
 
 def test_a_fit_that_is_good_is_left_alone(fits: Any) -> None:
@@ -110,3 +110,31 @@ def test_a_shape_that_is_known_is_left_alone(fits: Any) -> None:
     found: Any = Place([START, 0.01, 1.0])
     settling.settled(problem(low_frequency_noise={"tau_s": math.e}), found, 1)
     assert [place[2] for place in tried] == [1.0]
+
+
+OFF = Slot(Free("thresholds", "off", "theta_off", "ln", "log", 0.02, 5.0, 0.05, 1.0, effect=False))
+
+
+@pytest.mark.parametrize(("asked", "expected"), [(["on"], [0.25]), (["on", "off"], [])])
+def test_a_threshold_that_only_rare_events_tell_is_looked_for_farther_off(
+    asked: list[str], expected: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From 0.32 nothing leads back to 0.25, where the events of noise are expected that were seen."""
+    theta = 0.32
+    found: Any = SimpleNamespace(x=np.array([START, math.log(theta)]), slots=(DEAD, OFF), model=None, value=None)
+    labels = [SimpleNamespace(view="response", part=part) for part in asked]
+    made: Any = SimpleNamespace(
+        measured=SimpleNamespace(labels=labels),
+        models=lambda _, __, x: x,
+        simulate=lambda places, _, __: places,
+        expect=lambda x: SimpleNamespace(value_or=lambda _: x),
+    )
+    monkeypatch.setattr(settling, "shifted", lambda _, expected, *__: expected)
+
+    def followed(_: Any, __: Any, x: Any) -> tuple[float, Any]:
+        return 200.0 - 60.0 * (abs(x[1] - math.log(0.25)) < 0.06), np.array([0.5, 0.1])
+
+    monkeypatch.setattr(settling, "followed", followed)
+    places = settling._other_thresholds(made, found, 1)
+    assert [math.exp(x[1]) for x in places] == pytest.approx(expected, rel=0.06)
+    assert [x[0] for x in places] == [START + 0.5] * len(expected)  # what else is free has followed

@@ -55,7 +55,7 @@ class Bench:
         return [self.sensor(draw) for _ in range(number)]
 
     def expect(self, sensors: list[Floats]) -> SimpleNamespace:
-        return SimpleNamespace(value=sensors[0])
+        return SimpleNamespace(value=sensors[0], said=np.ones(len(sensors[0]), np.bool_))
 
 
 def trends(one: Fit, bench: Bench | None = None) -> tuple[Trend, ...]:
