@@ -51,7 +51,7 @@ _THRESHOLDS: Final = "thresholds"
 _RESPONSE: Final = "response"
 _THRESHOLD_FACTORS: Final = (0.63, 0.71, 0.79, 0.89, 1.12, 1.26, 1.41)
 _EFFORT: Final = 4.0
-_LEAST_FALL: Final = 15.0
+_LEAST_FALL: Final = 8.0
 _LOOKED_AT: Final = 7
 
 
@@ -65,15 +65,16 @@ def settled(problem: Problem, found: Fit, seed: int) -> Fit:
     """
     shapes = unknown_shapes(problem, found.model, found.slots)
     most = _DEEP_VALLEY if shapes else _VALLEY
+    if deviance_per_dof(problem, found) <= most:
+        found = _with_other_thresholds(problem, found, seed + _LOOKED_AT)
     places = [np.where(known_beforehand(found.slots), found.start, found.x)]
     for number in range(_ROUNDS):
         if deviance_per_dof(problem, found) > most or not leaves_more_than_chance(problem, found):
             return found
         places += _other_shapes(problem, found, shapes)
-        places += _other_thresholds(problem, found, seed + 10 * number + _LOOKED_AT)
         tried = [_from(problem, found, to, seed + 10 * number + i) for i, to in enumerate(places)]
         best = min([found, *tried], key=lambda one: deviance_per_dof(problem, one))
-        if deviance_per_dof(problem, best) > (1.0 - _BETTER) * deviance_per_dof(problem, found):
+        if not shapes or deviance_per_dof(problem, best) > (1.0 - _BETTER) * deviance_per_dof(problem, found):
             return best
         found, places = best, []
     return found
@@ -98,11 +99,28 @@ def _from(problem: Problem, found: Fit, place: Floats, seed: int) -> Fit:
     return finish(problem, near)
 
 
-def _other_thresholds(problem: Problem, found: Fit, seed: int) -> list[Floats]:
+def _with_other_thresholds(problem: Problem, found: Fit, seed: int) -> Fit:
+    """Return a fit, or a better one with another threshold, where no pulses ask for the polarity.
+
+    Its squares may be no more than those of chance, and rare events be of the wrong number. Two fits know their
+    squares no better than that: what the same random numbers say of both decides, unless much is left.
+    """
+    for number in range(_ROUNDS):
+        place = _other_threshold(problem, found, seed + 10 * number)
+        if place is None:
+            break
+        again = _from(problem, found, place, seed + 10 * number)
+        worse = deviance_per_dof(problem, again) >= deviance_per_dof(problem, found)
+        if worse and leaves_more_than_chance(problem, again):
+            break
+        found = again
+    return found
+
+
+def _other_threshold(problem: Problem, found: Fit, seed: int) -> Floats | None:
     """Return the best place with another threshold, the others following along straight lines, if it is better.
 
-    It is looked for where no pulses ask for the polarity. With the same random numbers at all of them, so that their
-    differences are sharp.
+    All are looked at with the same random numbers, so that their differences are sharp.
     """
     answers = {label.part for label in problem.measured.labels if label.view == _RESPONSE}
     mine = [
@@ -110,7 +128,7 @@ def _other_thresholds(problem: Problem, found: Fit, seed: int) -> list[Floats]:
     ]
     changes = list(product(mine, _THRESHOLD_FACTORS))
     if not changes:
-        return []
+        return None
     tries = [_with_other(found, i, factor) for i, factor in changes]
     models = [problem.models(found.model, found.slots, x) for x in (found.x, *tries)]
     here, *there = (
@@ -120,7 +138,7 @@ def _other_thresholds(problem: Problem, found: Fit, seed: int) -> list[Floats]:
     best = int(np.argmin([loss for loss, _ in there]))
     loss, moved = there[best]
     moved[changes[best][0]] = 0.0
-    return [inside(found.slots, tries[best] + moved)] if loss < here[0] - _LEAST_FALL else []
+    return inside(found.slots, tries[best] + moved) if loss < here[0] - _LEAST_FALL else None
 
 
 def _with_other(found: Fit, i: int, factor: float) -> Floats:

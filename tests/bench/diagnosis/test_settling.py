@@ -115,26 +115,31 @@ def test_a_shape_that_is_known_is_left_alone(fits: Any) -> None:
 OFF = Slot(Free("thresholds", "off", "theta_off", "ln", "log", 0.02, 5.0, 0.05, 1.0, effect=False))
 
 
-@pytest.mark.parametrize(("asked", "expected"), [(["on"], [0.25]), (["on", "off"], [])])
+@pytest.mark.parametrize(("asked", "expected"), [(["on"], 0.25), (["on", "off"], 0.32)])
 def test_a_threshold_that_only_rare_events_tell_is_looked_for_farther_off(
-    asked: list[str], expected: list[float], monkeypatch: pytest.MonkeyPatch
+    asked: list[str], expected: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From 0.32 nothing leads back to 0.25, where the events of noise are expected that were seen."""
-    theta = 0.32
-    found: Any = SimpleNamespace(x=np.array([START, math.log(theta)]), slots=(DEAD, OFF), model=None, value=None)
+
+    def fit_at(x: Any) -> Any:
+        return SimpleNamespace(x=np.asarray(x), start=None, slots=(DEAD, OFF), model=PixelModel(), value=None)
+
+    def missed(x: Any) -> bool:
+        return bool(abs(x[1] - math.log(0.25)) > 0.06)
+
     labels = [SimpleNamespace(view="response", part=part) for part in asked]
     made: Any = SimpleNamespace(
+        given={},
         measured=SimpleNamespace(labels=labels),
         models=lambda _, __, x: x,
         simulate=lambda places, _, __: places,
         expect=lambda x: SimpleNamespace(value_or=lambda _: x),
     )
     monkeypatch.setattr(settling, "shifted", lambda _, expected, *__: expected)
-
-    def followed(_: Any, __: Any, x: Any) -> tuple[float, Any]:
-        return 200.0 - 60.0 * (abs(x[1] - math.log(0.25)) < 0.06), np.array([0.5, 0.1])
-
-    monkeypatch.setattr(settling, "followed", followed)
-    places = settling._other_thresholds(made, found, 1)
-    assert [math.exp(x[1]) for x in places] == pytest.approx(expected, rel=0.06)
-    assert [x[0] for x in places] == [START + 0.5] * len(expected)  # what else is free has followed
+    monkeypatch.setattr(settling, "followed", lambda _, __, x: (200.0 + 60.0 * missed(x), np.array([0.5, 0.1])))
+    monkeypatch.setattr(settling, "_from", lambda _, __, x, ___: fit_at(x))
+    monkeypatch.setattr(settling, "deviance_per_dof", lambda _, one: 0.9 + 0.1 * missed(one.x))
+    monkeypatch.setattr(settling, "leaves_more_than_chance", lambda *_: False)
+    found = settling.settled(made, fit_at([START, math.log(0.32)]), 1)
+    assert math.exp(found.x[1]) == pytest.approx(expected, rel=0.06)
+    assert found.x[0] == START + 0.5 * (expected < 0.3)  # what else is free has followed
