@@ -335,7 +335,9 @@ class Diagnosis:
         if asks_for_more(self.problem, fitted):
             self._say(f"step {number}: fitting with more pixels")
         fitted = self._session.sharpened(fitted, self._seed + 100 * number + 31)
-        fitted = settled(self.problem, fitted, self._seed + 100 * number + 71)
+        still = settled(self.problem, fitted, self._seed + 100 * number + 71)
+        if still is not fitted:  # it may have been too far off for its clock to be believed
+            fitted = self._session.in_time(still, self._seed + 100 * number + 63)
         self._say(f"step {number}: looking for what is missing")
         scores = self._probed(fitted, number)
         for more in range(_DETAILS):

@@ -239,7 +239,8 @@ class Problem:
         for there, size in zip(simulated[len(sizes) :], wanted, strict=True):
             here = known[size]
             pairs = [(self.expect(there[half::2]), self.expect(here[half::2])) for half in range(2)]
-            halves = np.stack([np.where(t.scatter.few | h.scatter.few, 0.0, t.value - h.value) for t, h in pairs])
+            said = [t.said & h.said & ~(t.scatter.few | h.scatter.few) for t, h in pairs]
+            halves = np.stack([np.where(k, t.value - h.value, 0.0) for k, (t, h) in zip(said, pairs, strict=True)])
             if there[0].share < 1.0:
                 halves[:, array] = 0.0
             yield Change(halves, 0.5 * len(there) * there[0].share)

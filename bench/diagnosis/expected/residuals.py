@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Flags = npt.NDArray[np.bool_]
 
-__all__ = ["Expectation", "Kinds", "Measured", "Scatter", "expectation", "measured", "slope_of"]
+__all__ = ["Expectation", "Kinds", "Measured", "Scatter", "expectation", "filled", "measured", "slope_of"]
 
 _ANSCOMBE: Final = 0.375
 _RESPONSE: Final = "response"
@@ -127,8 +127,8 @@ class Expectation:
         """(n,) of what the simulated recordings said anything: of no events there is no mean."""
         return np.isfinite(self.ratio)
 
-    def value_or(self, otherwise: Floats) -> Floats:
-        """(n,) what is expected, transformed; something else (n,) where simulated recordings said nothing."""
+    def value_or(self, otherwise: Floats | float) -> Floats:
+        """(n,) what is expected, transformed; something else where simulated recordings said nothing."""
         return np.where(self.said, self.value, otherwise)
 
     @property
@@ -188,6 +188,20 @@ def measured(summaries: Sequence[Summary], labels: Sequence[Label] | None = None
     return Measured(tuple(labels), slices, ratio, bottom, value, variance, clusters)
 
 
+def filled(values: Floats, weight: Floats) -> Floats:
+    """Return values (m, n); where one says nothing (NaN), the weighted mean of those that do; 0 where none does.
+
+    Parameters
+    ----------
+    weight
+        (m,) of each.
+    """
+    said = np.isfinite(values)
+    seen = weight @ said
+    mean = np.divide(weight @ np.where(said, values, 0.0), seen, out=np.zeros_like(seen), where=seen > 0.0)
+    return np.where(said, values, mean)
+
+
 def expectation(of: Measured, summaries: Sequence[Summary], share: float = 1.0) -> Expectation:
     """Return what simulated recordings let expect of the run.
 
@@ -218,7 +232,8 @@ class Scatter:
 
     def __init__(self, of: Measured, summaries: Sequence[Summary], ratio: Floats, share: float) -> None:
         self.summaries = tuple(summaries)
-        self._of, self._ratio, self._share = of, ratio, share
+        self.ratio = ratio
+        self._of, self._share = of, share
 
     def beside(self, others: Sequence[Scatter]) -> Scatter:
         """Return the scatter of recordings that differ little, taken together: rare events are better known.
@@ -245,13 +260,13 @@ class Scatter:
         each = simulated / np.repeat([s.recordings for s in self.summaries], [len(s.top) for s in self.summaries])
         known = of.bottom > 0.0
         # The scatter is that of as many trials as were measured, not of as many as were simulated.
-        turn = slope_of(kinds, self._ratio, of.bottom) * np.sqrt(
+        turn = slope_of(kinds, self.ratio, of.bottom) * np.sqrt(
             np.where(known, each / np.where(known, of.bottom, 1.0), 1.0)
         )
         own = [s.covariance() for s in self.summaries]
         found = np.concatenate([np.diag(c) for c in own]) * turn**2
         clusters = np.concatenate([s.clusters for s in self.summaries])
-        variance = _variance(of, found, simulated, clusters, self._ratio)
+        variance = _variance(of, found, simulated, clusters, self.ratio)
         kept = np.sqrt(_SHRINK * _trust(kinds, top, simulated))
         with np.errstate(invalid="ignore", divide="ignore"):
             narrower = np.where((found > variance) | (kinds.mean & (found > 0.0)), np.sqrt(variance / found), 1.0)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.expected.residuals import Expectation
     from bench.diagnosis.fitting.fitted import Fit
+    from bench.diagnosis.recorded.summary import Summary
     from sim_backend.pixel.model import PixelModel
 
     Flags = npt.NDArray[np.bool_]
@@ -57,12 +58,29 @@ def scale_of(problem: Problem, here: Expectation, sensors: Sequence[Sensor]) -> 
         expected = expectation(as_run, [add(column) for column in zip(*others, strict=True)])
         said = np.isfinite(as_run.ratio) & expected.said
         # A share or a count of fewer pixels was transformed to the same scatter; a mean of fewer scatters more.
-        fewer = np.where(transformed, 1.0, np.sqrt(as_run.bottom / np.maximum(of.bottom, 1.0)))
+        fewer = np.where(transformed, 1.0, _fewer(of.bottom, as_run.bottom, others, n))
         away = np.where(said, fewer * (as_run.value - expected.value), 0.0)
         squares += float(np.minimum(whiten(here.roots, away, of.points) ** 2, _FAR_OUT).sum())
         expected_squares += _expected_squares(here, said, of.points)
     # The roots are those of a run less what is expected; here it is less the mean of the other sensors.
     return max(squares / max(expected_squares, 1.0) * here.more / (1.0 + 1.0 / max(n - 1, 1)), 1e-3)
+
+
+def _fewer(measured: Floats, one: Floats, others: Sequence[Sequence[Summary]], sensors: int) -> Floats:
+    """(n,) by what to multiply a difference of means that scatters by the numbers of events of both.
+
+    With as many events as were measured in each sensor it is 1.
+
+    Parameters
+    ----------
+    measured, one
+        (n,) numbers of events.
+    others
+        Summaries of the sensors from which the mean is taken.
+    """
+    rest = sum(np.concatenate([s.bottom for s in column]) for column in others)
+    scatter = measured * (1.0 / np.maximum(one, 1.0) + 1.0 / np.maximum(rest, 1.0))
+    return np.sqrt((1.0 + 1.0 / max(sensors - 1, 1)) / np.maximum(scatter, 1e-12))
 
 
 def _expected_squares(here: Expectation, said: Flags, points: Sequence[slice]) -> float:
@@ -132,4 +150,5 @@ def pooled(
     known = weights.sum(axis=0)
     value = np.divide((weights * values).sum(axis=0), known, out=np.zeros_like(known), where=known > 0.0)
     scatter = here.scatter.beside([e.scatter for e, _ in close])
-    return replace(here, value=value, recordings=total, scatter=scatter)
+    ratio = np.where(here.said, here.ratio, scatter.ratio)
+    return replace(here, ratio=ratio, value=value, recordings=total, scatter=scatter)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.expected.residuals import filled
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -85,11 +87,7 @@ class Cloud:
 
     def _values(self, weight: Floats) -> Floats:
         """(places, n) what is expected; where a place says nothing of a statistic, the mean of what others say."""
-        values = np.stack([place.expected.value for place in self.places])
-        said = np.stack([place.expected.said for place in self.places])
-        seen = weight @ said
-        mean = np.divide(weight @ np.where(said, values, 0.0), seen, out=np.zeros_like(seen), where=seen > 0.0)
-        return np.where(said, values, mean)
+        return filled(np.stack([place.expected.value_or(np.nan) for place in self.places]), weight)
 
 
 def around(middle: Floats, scale: Floats, reach: float, count: int, rng: np.random.Generator) -> list[Floats]:

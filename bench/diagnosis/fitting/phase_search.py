@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.expected.residuals import filled
 from bench.diagnosis.fitting import robust
 from bench.diagnosis.fitting.explaining import explain
 from bench.diagnosis.fitting.looks import shifted
@@ -91,7 +92,8 @@ class _Search:
             for sensors in problem.forward.run(models, seed)
         ]
         self._fine = 2.0 * math.pi * np.arange(_LOOKED_AT) / _LOOKED_AT
-        waves = np.linalg.lstsq(_harmonics(at), np.stack([e.value for e in seen]), rcond=None)[0]
+        values = filled(np.stack([e.value_or(np.nan) for e in seen]), np.ones(_SIMULATED))
+        waves = np.linalg.lstsq(_harmonics(at), values, rcond=None)[0]
         self._expected = self._anchored(_harmonics(self._fine) @ waves)
         near = [seen[round(phase / (2.0 * math.pi) * _SIMULATED) % _SIMULATED].roots for phase in self._fine]
         self._residual = [

@@ -8,6 +8,7 @@ slope that leads back. What is left in a valley looks as if an effect were missi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Final
 
@@ -20,6 +21,7 @@ from bench.diagnosis.fitting.fit import finish
 from bench.diagnosis.fitting.fitted import prior_precision, solve
 from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
 from bench.diagnosis.fitting.looks import shifted
+from bench.diagnosis.fitting.sharpening import is_costly
 from bench.diagnosis.fitting.steps import inside
 
 if TYPE_CHECKING:
@@ -93,10 +95,10 @@ def unknown_shapes(problem: Problem, model: PixelModel, slots: Sequence[Slot]) -
     return found
 
 
-def _from(problem: Problem, found: Fit, place: Floats, seed: int) -> Fit:
+def _from(problem: Problem, found: Fit, place: Floats, seed: int, *, precise: bool = False) -> Fit:
     """Return the same model fitted from another place on."""
     near = approach(problem, found.model, found.slots, list(place), seed=seed, iterations=_STEPS, prior=found.start)
-    return finish(problem, near)
+    return finish(problem, near, precise=precise)
 
 
 def _with_other_thresholds(problem: Problem, found: Fit, seed: int) -> Fit:
@@ -109,7 +111,7 @@ def _with_other_thresholds(problem: Problem, found: Fit, seed: int) -> Fit:
         place = _other_threshold(problem, found, seed + 10 * number)
         if place is None:
             break
-        again = _from(problem, found, place, seed + 10 * number)
+        again = _from(problem, found, place, seed + 10 * number, precise=is_costly(problem, found))
         worse = deviance_per_dof(problem, again) >= deviance_per_dof(problem, found)
         if worse and leaves_more_than_chance(problem, again):
             break
@@ -120,25 +122,36 @@ def _with_other_thresholds(problem: Problem, found: Fit, seed: int) -> Fit:
 def _other_threshold(problem: Problem, found: Fit, seed: int) -> Floats | None:
     """Return the best place with another threshold, the others following along straight lines, if it is better.
 
-    All are looked at with the same random numbers, so that their differences are sharp.
+    All are looked at with the same random numbers, so that their differences are sharp. The threshold itself does not
+    follow: it would go back.
     """
-    answers = {label.part for label in problem.measured.labels if label.view == _RESPONSE}
+    labels = problem.measured.labels
+    answers = {(problem.setting[label.point], label.part) for label in labels if label.view == _RESPONSE}
     mine = [
-        i for i, slot in enumerate(found.slots) if slot.free.owner == _THRESHOLDS and slot.free.name not in answers
-    ]
+        i for i, slot in enumerate(found.slots)
+        if slot.free.owner == _THRESHOLDS and (slot.setting or 0, slot.free.name) not in answers
+    ]  # fmt: skip
     changes = list(product(mine, _THRESHOLD_FACTORS))
     if not changes:
         return None
-    tries = [_with_other(found, i, factor) for i, factor in changes]
-    models = [problem.models(found.model, found.slots, x) for x in (found.x, *tries)]
+    tries = [found.x, *(_with_other(found, i, factor) for i, factor in changes)]
+    held = [found, *(_holding(found, i) for i, _ in changes)]
+    models = [problem.models(found.model, found.slots, x) for x in tries]
     here, *there = (
-        followed(problem, found, shifted(problem, problem.expect(sensors), found.slots, x).value_or(found.value))
-        for x, sensors in zip((found.x, *tries), problem.simulate(models, seed, _EFFORT), strict=True)
+        followed(problem, one, shifted(problem, problem.expect(sensors), found.slots, x).value_or(found.value))
+        for one, x, sensors in zip(held, tries, problem.simulate(models, seed, _EFFORT), strict=True)
     )
     best = int(np.argmin([loss for loss, _ in there]))
     loss, moved = there[best]
-    moved[changes[best][0]] = 0.0
-    return inside(found.slots, tries[best] + moved) if loss < here[0] - _LEAST_FALL else None
+    better = loss < here[0] - _LEAST_FALL * found.common
+    return inside(found.slots, tries[1 + best] + moved) if better else None
+
+
+def _holding(found: Fit, i: int) -> Fit:
+    """Return a fit in which one number changes nothing."""
+    jacobian = found.jacobian.copy()
+    jacobian[:, :, i] = 0.0
+    return replace(found, jacobian=jacobian)
 
 
 def _with_other(found: Fit, i: int, factor: float) -> Floats:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.diagnosis.expected.parameters import ALIGNMENT
+from bench.diagnosis.expected.residuals import filled
 from bench.diagnosis.fitting.looks import delays, later
 from bench.diagnosis.fitting.steps import inside
 
@@ -39,7 +40,7 @@ class Sample:
 def sample_of(problem: Problem, at: Floats, sensors: Sequence[Sensor], pair: int = -1) -> Sample:
     """Return simulated sensors as a sample."""
     halves = [problem.expect(sensors[half::2]) for half in range(2)]
-    values = np.stack([np.where(e.said, e.value, np.nan) for e in halves])
+    values = np.stack([e.value_or(np.nan) for e in halves])
     return Sample(at, values, sum(e.recordings for e in halves), pair)
 
 
@@ -92,8 +93,9 @@ def slopes(
     others would take for their slope where a bound leaves them one side. What later events do to latencies is known;
     a time offset is not in the samples.
 
-    A sample that says nothing of a statistic is taken to say that it is as it is here. So what depends on the number
-    of pixels, of which samples have but a part, does not change: it is judged, and no number is fitted to it.
+    A sample that says nothing of a statistic is taken to say that it is as it is here, or else in the other samples.
+    So what depends on the number of pixels, of which samples have but a part, does not change: it is judged, and no
+    number is fitted to it.
     """
     offset = np.array([slot.free.owner == ALIGNMENT for slot in slots])
     delayed = np.array([delays(slot.free) for slot in slots]) & ~offset
@@ -110,7 +112,7 @@ def slopes(
     out = np.zeros((2, len(here.value), len(slots)))
     for half in range(2):
         values = np.stack([s.halves[half] - np.sum((s.at - at)[delayed]) * late for s in samples])
-        values = np.where(np.isfinite(values), values, here.value)
+        values = filled(np.where(np.isfinite(values), values, here.value_or(np.nan)), weight)
         out[half][:, ~offset] = ((back @ values) / scale[:, None])[levels.shape[1] :].T
     # What a delay does to anything but latencies, by the dead time that begins later, is not known.
     for i in np.flatnonzero(offset | delayed):

@@ -76,7 +76,7 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
     basis = basis_of(fit, problem, without=one.effect)
     models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
     # Of what few pixels have a simulated sensor has none, or twice as much.
-    effort = _DOUBTFUL[0] if is_of_few(one.effect) else _EFFORT
+    effort = _DOUBTFUL[0] if is_of_few(one.effect) or is_of_few(other.effect) else _EFFORT
     apart = _apart(problem, one, basis, [models], seed, effort, _TIMES)[0].mean(axis=0)
     both = fit.whiten(fit.residual + other.fit.residual, points)
     left = beyond(basis, extended(fit, both[:, None]))[:, 0]

@@ -40,6 +40,7 @@ __all__ = ["NEEDED", "STILL_NEEDED", "Found", "Refitted", "needless", "refitted"
 #: what else is missing is so up to the size that a search among all effects takes for more than chance.
 NEEDED: Final = 2.0
 STILL_NEEDED: Final = 3.3
+_HALF_A_PIXEL: Final = 0.5
 #: A fit is made sharper where the loss has fallen by less than this share of what was promised, or the deviance has
 #: risen, if the promise is more than that of chance, and the loss is no larger than so many times what it was.
 _SHORT: Final = 0.5
@@ -281,17 +282,20 @@ def strength(problem: Problem, before: Fit, one: Fit, effect_id: str) -> float:
     """Return by how many standard errors the clearest of the numbers that switch an effect on is off null.
 
     How many pixels have what few of them have is known from so few to no better than their root, were it beyond doubt
-    that there is one: of that the fall of the deviance tells.
+    that there is one: of that the fall of the deviance tells, if the model still has half of one.
 
     Parameters
     ----------
     before
         A model without the effect.
     """
+    effect = next(e for e in one.model.effects if e.id == effect_id)
     if is_of_few(effect_id):
+        pixels = max(point.roi.pixels for point in problem.points)
+        if getattr(effect, switches(type(effect))[0].field) * pixels < _HALF_A_PIXEL:
+            return 0.0
         left = deviance(problem, one, before.scale) / freedom(one) * freedom(before)
         return math.sqrt(max(deviance(problem, before) - left, 0.0))
-    effect = next(e for e in one.model.effects if e.id == effect_id)
     sd = np.sqrt(np.diag(one.covariance(problem.measured.points)))
     names = {f.name for f in switches(type(effect))}
     mine = [i for i, s in enumerate(one.slots) if s.free.owner == effect_id and s.free.name in names]

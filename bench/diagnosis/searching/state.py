@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.expected.catalogue import is_of_few
 from bench.diagnosis.fitting.judging import NEARLY_ALL, excess, heldout, is_far_off, share
-from bench.diagnosis.searching.refit import needless, strength
+from bench.diagnosis.searching.refit import STILL_NEEDED, needless, strength
 from sim_backend.pixel.effects.light_rise_time import LightRiseTime
 from sim_backend.pixel.effects.timestamp_jitter import TimestampJitter
 
@@ -63,13 +63,16 @@ class State:
 def strengths(problem: Problem, states: Sequence[State]) -> dict[str, float]:
     """Return by how many standard errors each effect that was added is off null in the last model.
 
-    Of what few pixels have it is what it took away when it was added.
+    Of what few pixels have it is what it took away when it was added. Once something else was, it may have stood in
+    for that: it is no more than asks for another look without it.
     """
-    last = states[-1].fit
-    return {
-        after.added: strength(problem, before.fit, after.fit if is_of_few(after.added) else last, after.added)
-        for before, after in pairwise(states) if after.added is not None
-    }  # fmt: skip
+    found = {}
+    for before, after in pairwise(states):
+        if after.added is not None:
+            found[after.added] = strength(problem, before.fit, states[-1].fit, after.added)
+            if is_of_few(after.added) and after is not states[-1] and found[after.added] > 0.0:
+                found[after.added] = min(strength(problem, before.fit, after.fit, after.added), STILL_NEEDED)
+    return found
 
 
 def leaves_little(problem: Problem, one: Fit) -> bool:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from bench.diagnosis.fitting.chance import pooled, scale_of
+from bench.diagnosis.fitting.chance import _fewer, pooled, scale_of
 from bench.diagnosis.session import open_session
 from protocols.points import Roi
 from sim_backend.pixel import PixelModel
@@ -39,6 +40,24 @@ def test_a_run_of_the_model_scatters_as_much_from_part_of_the_pixels(problem: Pr
     found = [scale_of(problem, here, sensors) for sensors in (whole, part)]
     # Means over events are a third of the statistics: they would scatter four times as much, and all twice.
     assert found[1] == pytest.approx(found[0], rel=0.2)
+
+
+@pytest.mark.parametrize("sensors", [2, 4])
+@pytest.mark.parametrize("events", [3.0, 20.0])
+def test_differences_of_means_of_few_events_scatter_as_is_said(sensors: int, events: float) -> None:
+    """Of as many events as were measured, and half as many as those: their number scatters as well."""
+    rng = np.random.default_rng(6)
+    measured, n = 2.0 * events, 40_000
+    counts = np.maximum(rng.poisson(events, size=(sensors, n)), 1)
+    means = rng.standard_normal((sensors, n)) / np.sqrt(counts)
+    rest = counts[1:].sum(axis=0)
+    away = means[0] - (counts[1:] * means[1:]).sum(axis=0) / rest
+    others = [[SimpleNamespace(bottom=column.astype(float)) for column in counts[1:]]]
+    columns: Any = [[one] for one in others[0]]
+    fewer = _fewer(np.full(n, measured), counts[0].astype(float), columns, sensors)
+    # A difference of two sensors of as many events as were measured.
+    expected = (1.0 + 1.0 / (sensors - 1)) / measured
+    assert float(np.mean((fewer * away) ** 2)) == pytest.approx(expected, rel=4.0 * (2.0 / n) ** 0.5)
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ SLOPE = RNG.standard_normal((N, K))
 def place(at: Floats, chance: float = 0.0) -> Place:
     """Return what is expected on a plane, give or take."""
     value = 4.0 + SLOPE @ (at - MIDDLE) + chance * RNG.standard_normal(N)
-    return Place(at, cast("Any", SimpleNamespace(value=value, said=np.ones(N, bool))), 0.0)
+    return Place(at, cast("Any", SimpleNamespace(value=value, value_or=lambda _: value)), 0.0)
 
 
 def test_lines_through_a_plane_are_the_plane() -> None:
@@ -48,8 +48,7 @@ def test_slopes_scatter_by_what_they_say() -> None:
 def test_what_a_place_says_nothing_about_is_no_value_of_zero() -> None:
     """Of no events there is no mean; that of the logarithms of others would not be zero."""
     places = [place(x) for x in (MIDDLE, *around(MIDDLE, SCALE, 0.1, 2 * K, RNG))]
-    silent = places[1].expected
-    silent.said[:10], silent.value[:10] = False, 0.0
+    places[1].expected.value[:10] = np.nan
     lines = Cloud(places).lines(MIDDLE, SCALE, 0.5)
     # A zero would move the middle of 7 places by 4 / 7, and slopes by half of 4 / 0.1.
     assert lines.value == pytest.approx(np.full(N, 4.0), abs=0.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -147,7 +148,8 @@ def test_what_does_not_stand_far_out_is_tried_without(
 def test_one_hot_pixel_is_seen_though_the_next_sensor_may_have_none(falls: float, verdict: bool) -> None:
     """How many there are is known to no better than their root: of one, to one; what it does is beyond doubt."""
     n, effect = 700, HotPixels(fraction=1.0 / 256.0, rate_hz=10.0)
-    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=(slice(0, n),)))
+    window = SimpleNamespace(roi=SimpleNamespace(pixels=256))
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=(slice(0, n),)), points=[window])
     slot = Slot(Free(effect.id, "fraction", "fraction", "1", "linear", 0.0, 1e3, 3.0))
     before, after = (
         Fit(
@@ -159,15 +161,22 @@ def test_one_hot_pixel_is_seen_though_the_next_sensor_may_have_none(falls: float
         for squares, scale in ((800.0, 1.0), (800.0 - falls, 1.1))
     )  # fmt: skip
     assert needless(problem, before, after, effect.id) is verdict
+    none = replace(after, model=PixelModel() + replace(effect, fraction=0.4 / 256.0))
+    assert needless(problem, before, none, effect.id)  # what the others have gained by moving is not theirs
 
 
-def test_what_few_pixels_have_stands_out_by_what_it_took_away_when_it_was_added(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ("added", "in_the_end", "expected"),
+    [(8.7, 9.5, 3.3), (2.5, 9.5, 2.5), (8.7, 0.0, 0.0)],  # no pixel is left of it: another effect has come for it
+)
+def test_what_few_pixels_have_is_no_more_than_in_doubt_once_something_else_was_added(
+    added: float, in_the_end: float, expected: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of others the last model tells."""
-    states: Any = [SimpleNamespace(fit=i, added=a) for i, a in enumerate((None, "hot_pixels", "leak", "crosstalk"))]
-    monkeypatch.setattr(state, "strength", lambda _, before, one, name: (before, one, name))
-    found: Any = state.strengths(PROBLEM, states)
-    assert found == {
-        "hot_pixels": (0, 1, "hot_pixels"), "leak": (1, 3, "leak"), "crosstalk": (2, 3, "crosstalk"),
-    }  # fmt: skip
+    """What it took away by then it may have taken in the place of another one; of others the last model tells."""
+    names = (None, "hot_pixels", "leak", "crosstalk")
+    states: Any = [SimpleNamespace(fit=i, added=name) for i, name in enumerate(names)]
+    sigmas = {(0, 1): added, (0, 3): in_the_end, (1, 3): 7.0, (2, 3): 5.0}
+    monkeypatch.setattr(state, "strength", lambda _, before, one, __: sigmas[before, one])
+    assert state.strengths(PROBLEM, states) == {"hot_pixels": expected, "leak": 7.0, "crosstalk": 5.0}
+    if in_the_end:
+        assert state.strengths(PROBLEM, states[:2])["hot_pixels"] == added

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from bench.diagnosis.expected.residuals import _whitener, expectation, measured
+from bench.diagnosis.expected.problem import Problem
+from bench.diagnosis.expected.residuals import _whitener, expectation, filled, measured
 from bench.diagnosis.fitting.fitted import live
 from bench.diagnosis.recorded.summary import Label, Summary
 
@@ -85,3 +88,29 @@ def test_what_says_nothing_is_no_part_of_an_independent_residual() -> None:
     assert int(live(root).sum()) == 8
     np.testing.assert_array_equal(root[:, silent], 0.0)
     assert np.linalg.eigvalsh(root @ covariance @ root.T) == pytest.approx([0.0] * 4 + [1.0] * 8, abs=1e-9)
+
+
+def test_what_some_say_nothing_about_is_as_the_others_say() -> None:
+    values = np.array([[1.0, np.nan, np.nan], [4.0, -5.0, np.nan], [4.0, -8.0, np.nan]])
+    found = filled(values, np.array([2.0, 1.0, 2.0]))
+    np.testing.assert_allclose(found, [[1.0, -7.0, 0.0], [4.0, -5.0, 0.0], [4.0, -8.0, 0.0]])
+
+
+def test_what_one_of_two_models_says_nothing_about_does_not_change() -> None:
+    """A share of pairs, of which there are none without events: the angle of nothing is no change."""
+
+    def seen(ratio: list[float]) -> Any:
+        said = np.isfinite(ratio)
+        scatter = SimpleNamespace(few=np.array([False, False, True]))
+        return SimpleNamespace(value=np.where(said, 7.0, 1.0) + np.arange(3), said=said, scatter=scatter)
+
+    base, other = (seen([0.5, 0.5, 0.5]), seen([0.4, math.nan, 0.4]))
+    base.value = base.value + 2.0
+    made: Any = SimpleNamespace(
+        measured=SimpleNamespace(labels=[LABEL] * 3),
+        _wanted=lambda models, _: [(2, 1.0)] * len(models),
+        _simulated=lambda models, *_: [[SimpleNamespace(share=1.0, of=m)] * 2 for m in models],
+        expect=lambda sensors: sensors[0].of,
+    )
+    (change,) = Problem.changes(made, base, [other], 1, 1.0)
+    np.testing.assert_allclose(change.halves, [[-2.0, 0.0, 0.0]] * 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +50,8 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Any], float]], 
     tried: list[Any] = []
 
     def by_hand(deviance: Callable[[Any], float]) -> list[Any]:
-        def finish(_: Any, place: Any) -> Place:
+        def finish(_: Any, place: Any, *, precise: bool) -> Place:
+            assert not precise
             tried.append(place)
             return Place(place)
 
@@ -115,6 +117,19 @@ def test_a_shape_that_is_known_is_left_alone(fits: Any) -> None:
 OFF = Slot(Free("thresholds", "off", "theta_off", "ln", "log", 0.02, 5.0, 0.05, 1.0, effect=False))
 
 
+@dataclass(frozen=True)
+class Placed:
+    """A fit of a dead time and a threshold."""
+
+    x: Any
+    start: Any = None
+    slots: Any = (DEAD, OFF)
+    model: Any = PixelModel()  # noqa: RUF009 - it is never changed
+    value: Any = None
+    common: float = 1.0
+    jacobian: Any = field(default_factory=lambda: np.ones((2, 3, 2)))
+
+
 @pytest.mark.parametrize(("asked", "expected"), [(["on"], 0.25), (["on", "off"], 0.32)])
 def test_a_threshold_that_only_rare_events_tell_is_looked_for_farther_off(
     asked: list[str], expected: float, monkeypatch: pytest.MonkeyPatch
@@ -122,22 +137,30 @@ def test_a_threshold_that_only_rare_events_tell_is_looked_for_farther_off(
     """From 0.32 nothing leads back to 0.25, where the events of noise are expected that were seen."""
 
     def fit_at(x: Any) -> Any:
-        return SimpleNamespace(x=np.asarray(x), start=None, slots=(DEAD, OFF), model=PixelModel(), value=None)
+        return Placed(np.asarray(x))
 
     def missed(x: Any) -> bool:
         return bool(abs(x[1] - math.log(0.25)) > 0.06)
 
-    labels = [SimpleNamespace(view="response", part=part) for part in asked]
+    labels = [SimpleNamespace(view="response", part=part, point=0) for part in asked]
     made: Any = SimpleNamespace(
         given={},
+        setting=(0,),
+        cost=lambda _: 1.0,
         measured=SimpleNamespace(labels=labels),
         models=lambda _, __, x: x,
         simulate=lambda places, _, __: places,
         expect=lambda x: SimpleNamespace(value_or=lambda _: x),
     )
     monkeypatch.setattr(settling, "shifted", lambda _, expected, *__: expected)
-    monkeypatch.setattr(settling, "followed", lambda _, __, x: (200.0 + 60.0 * missed(x), np.array([0.5, 0.1])))
-    monkeypatch.setattr(settling, "_from", lambda _, __, x, ___: fit_at(x))
+
+    def followed(_: Any, one: Any, x: Any) -> tuple[float, Any]:
+        """A number that could go back would cost nothing."""
+        back = np.any(one.jacobian[:, :, 1] != 0.0) and abs(x[1] - math.log(0.32)) > 0.01
+        return 100.0 if back else 200.0 + 60.0 * missed(x), np.array([0.5, 0.0])
+
+    monkeypatch.setattr(settling, "followed", followed)
+    monkeypatch.setattr(settling, "_from", lambda _, __, x, *___, **____: fit_at(x))
     monkeypatch.setattr(settling, "deviance_per_dof", lambda _, one: 0.9 + 0.1 * missed(one.x))
     monkeypatch.setattr(settling, "leaves_more_than_chance", lambda *_: False)
     found = settling.settled(made, fit_at([START, math.log(0.32)]), 1)

@@ -22,6 +22,16 @@ _SLOTS = (
 )
 
 
+class Here:
+    """What is expected at a place, if anything is."""
+
+    def __init__(self, value: np.ndarray, *, said: bool = True) -> None:
+        self.value, self.said = value, said
+
+    def value_or(self, otherwise: float) -> np.ndarray:
+        return self.value if self.said else np.full_like(self.value, otherwise)
+
+
 def _expected(at: np.ndarray) -> np.ndarray:
     return np.asarray(_SLOPE @ at + _BEND * at[0] ** 2)
 
@@ -33,7 +43,7 @@ def test_how_a_line_bends_is_no_slope_of_what_is_at_its_bound(second: float) -> 
     places = [(inside(_SLOTS, at + sign * way), i) for i, way in enumerate(directions.T) for sign in (1.0, -1.0)]
     samples = [Sample(x, np.tile(_expected(x), (2, 1)), 100.0, pair) for x, pair in places]
     samples.append(Sample(at, np.tile(_expected(at), (2, 1)), 300.0))
-    here = cast("Any", SimpleNamespace(value=_expected(at)))
+    here = cast("Any", Here(_expected(at)))
     problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
     found = slopes(problem, _SLOTS, at, here, samples, directions)
     np.testing.assert_allclose(found, np.tile(_SLOPE, (2, 1, 1)), rtol=1e-9, atol=1e-9)
@@ -47,7 +57,7 @@ def test_what_is_counted_in_another_unit_changes_as_much(unit: float) -> None:
     there = np.diag([1.0, 1.0 / unit])
     places = [(at + sign * way, i) for i, way in enumerate(directions.T) for sign in (1.0, -1.0)]
     samples = [Sample(x, np.tile(_SLOPE @ there @ x, (2, 1)), 100.0, pair) for x, pair in places]
-    here = cast("Any", SimpleNamespace(value=_SLOPE @ there @ at))
+    here = cast("Any", Here(_SLOPE @ there @ at))
     problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
     found = slopes(problem, _SLOTS, at, here, samples, directions)
     np.testing.assert_allclose(found, np.tile(_SLOPE @ there, (2, 1, 1)), rtol=1e-6, atol=1e-6)
@@ -64,8 +74,22 @@ def test_a_sample_without_events_says_that_nothing_changes() -> None:
             if sign > 0.0:
                 halves[:, 1:] = np.nan
             samples.append(Sample(at + sign * way, halves, 100.0, i))
-    here = cast("Any", SimpleNamespace(value=_SLOPE @ at))
+    here = cast("Any", Here(_SLOPE @ at))
     problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
     found = slopes(problem, _SLOTS, at, here, samples, directions)
     shares = np.array([1.0, 0.5, 0.5])[:, None]
     np.testing.assert_allclose(found, np.tile(shares * _SLOPE, (2, 1, 1)), rtol=1e-9, atol=1e-9)
+
+
+def test_where_nothing_is_said_here_a_silent_side_is_as_the_others() -> None:
+    """One side says -5; zero for the other would be a slope of -25."""
+    at = np.array([0.1, 0.5])
+    directions = np.diag([0.02, 0.02])
+    samples = [
+        Sample(at + sign * way, np.full((2, 3), -5.0 if sign < 0.0 else np.nan), 100.0, i)
+        for i, way in enumerate(directions.T) for sign in (1.0, -1.0)
+    ]  # fmt: skip
+    here = cast("Any", Here(np.zeros(3), said=False))
+    problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
+    found = slopes(problem, _SLOTS, at, here, samples, directions)
+    np.testing.assert_allclose(found, np.zeros((2, 3, 2)), atol=1e-9)

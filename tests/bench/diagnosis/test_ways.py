@@ -22,7 +22,7 @@ _SLOTS = tuple(
     Slot(Free("noise_floor", name, name, "ln", "linear", -9.0, 9.0, 0.1, 9.0, effect=False)) for name in "abc"
 )
 _AT = np.zeros(3)
-_HERE = cast("Any", SimpleNamespace(value=np.zeros(N), roots=(np.eye(N),)))
+_HERE = cast("Any", SimpleNamespace(value=np.zeros(N), value_or=lambda _: np.zeros(N), roots=(np.eye(N),)))
 _PROBLEM = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=(), points=(slice(0, N),))))
 
 
