@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Hashable, Sequence
 
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.expected.residuals import Measured
@@ -117,7 +117,7 @@ def _from_latencies(curve: _Curve) -> tuple[float, float] | None:
 def _brightest(measured: Measured, setting_of: Sequence[int], setting: int, part: str) -> _Curve | None:
     """Return the curve at the highest light, of the longest pulses."""
     shares: dict[tuple[float, float], list[int]] = {}
-    latency: dict[int, int] = {}
+    latency: dict[Hashable, int] = {}
     for point, where in enumerate(measured.points):
         if setting_of[point] != setting:
             continue
@@ -126,12 +126,12 @@ def _brightest(measured: Measured, setting_of: Sequence[int], setting: int, part
             if label.part == part and label.view == "response":
                 shares.setdefault((_figures(label.baseline_lux), _figures(label.width_s)), []).append(k)
             elif label.part == part and label.view == "latency":
-                latency[_group(measured, k)] = k
+                latency[label.group] = k
     known = [key for key, mine in shares.items() if len(mine) > 1]
     if not known:
         return None
     mine = sorted(shares[max(known)], key=lambda k: measured.labels[k].log_contrast)
-    late = [latency.get(_group(measured, k)) for k in mine]
+    late = [latency.get(measured.labels[k].group) for k in mine]
     return _Curve(
         tuple(measured.labels[k].log_contrast for k in mine),
         tuple(float(measured.ratio[k]) for k in mine),
@@ -142,8 +142,3 @@ def _brightest(measured: Measured, setting_of: Sequence[int], setting: int, part
 def _figures(value: float) -> float:
     """Return a number to three figures: widths are known as they were timed."""
     return float(f"{value:.3g}")
-
-
-def _group(measured: Measured, k: int) -> int:
-    label = measured.labels[k]
-    return hash((label.point, label.part, label.log_contrast, label.width_s))

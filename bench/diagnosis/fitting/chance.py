@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.diagnosis.expected.residuals import expectation, measured
 from bench.diagnosis.expected.same_law import representatives
-from bench.diagnosis.fitting.fitted import live, prior_precision, whiten
+from bench.diagnosis.fitting.fitted import prior_precision, whiten
 from bench.diagnosis.fitting.normal import solved
 from bench.diagnosis.recorded.summary import add
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Flags = npt.NDArray[np.bool_]
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["frozen_of", "pooled", "scale_of"]
+__all__ = ["away_from_mean", "frozen_of", "pooled", "scale_of"]
 
 #: The largest square of a residual that counts for how residuals scatter.
 _FAR_OUT: Final = 16.0
@@ -84,7 +84,9 @@ def _fewer(measured: Floats, one: Floats, others: Sequence[Sequence[Summary]], s
 
 
 def _expected_squares(here: Expectation, said: Flags, points: Sequence[slice]) -> float:
-    """Return the expected sum of squares of independent residuals if some statistics are left out; else their number.
+    """Return the expected sum of squares of independent residuals if some statistics are left out.
+
+    It is their number if none is.
 
     Parameters
     ----------
@@ -94,12 +96,17 @@ def _expected_squares(here: Expectation, said: Flags, points: Sequence[slice]) -
     total = 0.0
     for root, covariance, where in zip(here.roots, here.scatter.covariance, points, strict=True):
         mine = said[where]
-        if mine.all():
-            total += float(live(root).sum())
-        else:
-            left = root[:, mine]
-            total += float(np.sum((left @ covariance[np.ix_(mine, mine)]) * left)) * here.more
-    return total
+        left = root[:, mine]
+        total += float(np.sum((left @ covariance[np.ix_(mine, mine)]) * left))
+    return total * here.more
+
+
+def away_from_mean(problem: Problem, sensors: Sequence[Sensor]) -> Floats:
+    """Return (sensors, n) what each lets expect less their mean; 0 for a statistic of which one says nothing."""
+    each = [problem.expect([one]) for one in sensors]
+    values = np.stack([e.value for e in each])
+    said = np.all([e.said for e in each], axis=0)
+    return np.where(said, values - values.mean(axis=0), 0.0)
 
 
 def frozen_of(problem: Problem, found: Fit, models: Sequence[PixelModel], seen: Sequence[Sequence[Sensor]]) -> Floats:
@@ -118,10 +125,7 @@ def frozen_of(problem: Problem, found: Fit, models: Sequence[PixelModel], seen: 
         return np.zeros(len(found.x))
     products, freedom = np.zeros(len(found.x)), 0.0
     for sensors in seen:
-        each_sensor = [problem.expect([one]) for one in sensors]
-        values = np.stack([e.value for e in each_sensor])
-        said = np.all([e.said for e in each_sensor], axis=0)
-        for away in np.where(said, values - values.mean(axis=0), 0.0):
+        for away in away_from_mean(problem, sensors):
             white = found.whiten(away, points)
             each = np.zeros((groups, len(found.x)))
             for law, where in zip(laws, points, strict=True):

@@ -69,7 +69,8 @@ class Cloud:
         weight = np.exp(-0.5 * np.sum(away**2, axis=1) / (reach**2 * len(middle)))
         columns = np.column_stack([np.ones(len(away)), away / reach])
         weighted = columns * weight[:, None]
-        values = self._values(weight)
+        # Where a place says nothing of a statistic, it is as in the mean of the others.
+        values = filled(np.stack([place.expected.value_or(np.nan) for place in self.places]), weight)
         inverse = np.linalg.inv(columns.T @ weighted + _RIDGE * np.diag([0.0, *np.ones(len(middle))]))
         found = inverse @ (weighted.T @ values)
         rest = values - columns @ found
@@ -84,10 +85,6 @@ class Cloud:
             chance=(inverse @ (weighted.T @ weighted) @ inverse)[1:, 1:] / np.outer(unit, unit),
             scatter=np.asarray((weight @ rest**2) / freedom),
         )
-
-    def _values(self, weight: Floats) -> Floats:
-        """(places, n) what is expected; where a place says nothing of a statistic, the mean of what others say."""
-        return filled(np.stack([place.expected.value_or(np.nan) for place in self.places]), weight)
 
 
 def around(middle: Floats, scale: Floats, reach: float, count: int, rng: np.random.Generator) -> list[Floats]:

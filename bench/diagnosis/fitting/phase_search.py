@@ -142,10 +142,9 @@ class _Search:
         for where, known, phase in zip(self._problem.measured.points, self._problem.phases, phases, strict=True):
             if phase is None:
                 continue
-            if known is None:  # the fit says nothing of the phase, but how the numbers move
-                value[where] += self._expected[self._place(phase), where] - self._fitted.value[where]
-            else:
-                value[where] += self._expected[self._place(phase), where] - self._expected[self._place(known), where]
+            # Of a phase that was open the fit says nothing, but how the numbers move.
+            before = self._fitted.value[where] if known is None else self._expected[self._place(known), where]
+            value[where] += self._expected[self._place(phase), where] - before
         return np.asarray(value)
 
     def _beyond_turn(self, i: int, place: int) -> tuple[Floats, Floats]:

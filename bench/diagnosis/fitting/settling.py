@@ -47,10 +47,10 @@ _BETTER: Final = 0.03
 _STEPS: Final = 3
 _SHAPES: Final = (0.5, 2.0)
 _ROUNDS: Final = 3
-#: Thresholds that are looked at beside the one found, closely: rare events come and go within a tenth of it. The
-#: effort for each; one is gone on from where the loss is lower by so much.
 _THRESHOLDS: Final = "thresholds"
 _RESPONSE: Final = "response"
+#: Thresholds that are looked at beside the one found, closely: rare events come and go within a tenth of it. The
+#: effort for each; one is gone on from where the loss is lower by so much.
 _THRESHOLD_FACTORS: Final = (0.63, 0.71, 0.79, 0.89, 1.12, 1.26, 1.41)
 _EFFORT: Final = 4.0
 _LEAST_FALL: Final = 8.0

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from bench.diagnosis.fitting.chance import away_from_mean
 from bench.diagnosis.searching.screen import basis_of, beyond, extended
 
 if TYPE_CHECKING:
@@ -103,10 +104,8 @@ def _scatter(problem: Problem, one: Fit, directions: Sequence[_Direction], seed:
     """Return the standard deviation of trends from one simulated sensor to the next."""
     models = problem.models(one.model, one.slots, one.x)
     number = min(max(int(_RUNS / max(problem.cost(models), 1.0)), _FEWEST), _SENSORS)
-    seen = [problem.expect([s]) for s in problem.whole_sensors(models, seed, number)]
-    values = np.stack([e.value for e in seen], axis=1)
-    said = np.all([e.said for e in seen], axis=0)
-    known = np.where((one.known & said)[:, None], values - values.mean(axis=1, keepdims=True), 0.0)
+    away = away_from_mean(problem, problem.whole_sensors(models, seed, number))
+    known = np.where(one.known, away, 0.0).T
     white = extended(one, one.whiten(known, problem.measured.points))
     scores = np.stack([d.unit for d in directions]) @ white
     return np.asarray(np.sqrt(np.sum(scores**2, axis=1) / (number - 1.0)))
