@@ -18,7 +18,7 @@ from bench.diagnosis.result import Outcome
 from bench.diagnosis.searching.better_place import better_place
 from bench.diagnosis.searching.candidate_table import step_with_candidates
 from bench.diagnosis.searching.detours import other_ways, proposing
-from bench.diagnosis.searching.next_measurement import next_measurement
+from bench.diagnosis.searching.next_measurement import next_measurement, with_rivals
 from bench.diagnosis.searching.refit import refitted
 from bench.diagnosis.searching.remainder import remainder_of
 from bench.diagnosis.searching.screen import score
@@ -217,7 +217,7 @@ class Diagnosis:
         Parameters
         ----------
         measure_next
-            Simulate what to measure next, where effects cannot be told apart.
+            Simulate what to measure next, where effects cannot be told apart, or hardly can.
         """
         states = self._all() if not self.findings else self._states
         if states:
@@ -238,20 +238,24 @@ class Diagnosis:
             verdict=verdict,
             missing=missing,
             ties=ties,
-            next_measurement=self._next_measurement(last, ties) if measure_next else None,
+            next_measurement=self._next_measurement(states, missing, ties) if measure_next else None,
             remainder=remainder_of(self.problem, states[-1]) if states and verdict == "unexplained" else (),
             model=last.model if last is not None else None,
             shortened=self.shortened,
             stopped=stopped,
         )
 
-    def _next_measurement(self, last: Fit | None, ties: dict[str, tuple[str, ...]]) -> dict[str, Any] | None:
+    def _next_measurement(
+        self, states: Sequence[State], missing: Sequence[str], ties: dict[str, tuple[str, ...]]
+    ) -> dict[str, Any] | None:
         """Return what to measure next; it is simulated once for each fitted model."""
-        if last is None or not ties:
+        rivals = with_rivals(self.problem.points, states, missing, ties)
+        if not rivals:
             return None
+        last = states[-1].fit
         if self._next is None or self._next[0] is not last:
-            self._say("looking for the measurement that tells them apart")
-            self._next = last, next_measurement(self.problem, last, ties, self._seed + 61)
+            self._say("looking for the measurement that tells effects apart")
+            self._next = last, next_measurement(self.problem, last, rivals, self._seed + 61)
         return self._next[1]
 
     def _go_on(self, most: int) -> None:

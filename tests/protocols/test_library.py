@@ -32,7 +32,7 @@ POINTS = {
     "paper_background": 30,
     "paper_reset_test": 600,
     "paper_square": 420,
-    "pulse_width": 168,
+    "pulse_width": 77,
     "quick_look": 64,
     "refined_quick_look": 16,
 }

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.fitting.fitted import Fit
     from bench.store.data import PointData
-    from protocols.points import Ambient, Point
+    from protocols.points import Point
     from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
@@ -52,8 +52,8 @@ _FARTHEST: Final = 0.3
 
 
 def planned_points(
-    points: Sequence[Point], like: PointData, model: PixelModel, ambient: Ambient | None, side: int
-) -> list[PointData]:
+    points: Sequence[Point], like: PointData, model: PixelModel, side: int
+) -> list[PointData]:  # fmt: skip
     """Return some points of a protocol as they will have been recorded, without their events.
 
     Parameters
@@ -64,16 +64,11 @@ def planned_points(
         A point of the run: its window and dead time are kept.
     model
         Contrasts are planned in the thresholds that a protocol prescribes: here they are in those of the model.
-    ambient
-        What keeps stray light out, if not what the protocol says.
     side
         Pixels of a side of the window, at the most.
     """
     chosen = [points[i] for i in np.unique(np.linspace(0, len(points) - 1, _POINTS).round().astype(int))]
-    return [
-        _planned(replace(p, index=i, preamble=None, ambient=ambient or p.ambient), like, model, side)
-        for i, p in enumerate(chosen)
-    ]
+    return [_planned(replace(p, index=i, preamble=None), like, model, side) for i, p in enumerate(chosen)]
 
 
 def _planned(point: Point, like: PointData, model: PixelModel, side: int) -> PointData:

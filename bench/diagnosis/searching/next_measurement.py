@@ -1,4 +1,4 @@
-"""What to measure next, where the data cannot tell effects apart.
+"""What to measure next, where the data cannot tell effects apart, or hardly can.
 
 For some pairs it is known which protocol helps: by the physics. How far apart the two would be there is found by
 simulating both; where that is not enough, or nothing is known, the other protocols are tried, the shortest first.
@@ -7,9 +7,11 @@ simulating both; where that is not enough, or nothing is known, the other protoc
 from __future__ import annotations
 
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
-from bench.diagnosis.expected.catalogue import are_the_same
+import numpy as np
+
 from bench.diagnosis.searching.foreseen import apart_at, planned_points
 from bench.diagnosis.searching.likeness import stand_in
 from bench.diagnosis.searching.refit import Found
@@ -17,14 +19,15 @@ from protocols import load_protocol
 from sim_backend.pixel.effects.registry import effects
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
-    from protocols.points import Ambient
+    from bench.diagnosis.searching.state import State
+    from bench.store.data import PointData
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["next_measurement", "protocol_for"]
+__all__ = ["next_measurement", "protocol_for", "with_rivals"]
 
 _LIGHT: Final = frozenset({"dark_current", "stray_light"})
 _SLOW: Final = frozenset(
@@ -38,6 +41,12 @@ _OTHERS: Final = ("quick_look", "background_activity", "pulse_width", "on_family
 #: Standard errors that are enough to tell two effects apart, and below which a protocol is of no help.
 _ENOUGH: Final = 5.0
 _NO_HELP: Final = 2.0
+#: An effect of which the screen expects so much of what another one takes away is nearly as good, if that is
+#: more than so much: chance lets the best of all candidates fall as far.
+_NEARLY: Final = 0.5
+_SEEN: Final = 20.0
+#: So many effects are told apart at the most, of which three may be tied.
+_IN_A_GROUP: Final = 4
 #: Sides of the window that is simulated. What a few pixels tell apart, mostly by far, more do too; a protocol takes
 #: many times as long as a small run. So the larger one is only asked where this is less than so many times enough.
 _SIDES: Final = (8, 16)
@@ -45,17 +54,70 @@ _SURELY: Final = 2.0
 
 #: Effects of which two are told apart by a protocol of ours, and how; the first line that fits counts.
 _APART: Final[tuple[tuple[frozenset[str], str, str], ...]] = (
-    (_LIGHT, "on_family", "the dim S-curves again under a shroud, where there is no stray light (on_family)"),
-    (_LIGHT | _SLOW, "pulse_width", "the response against pulse width (pulse_width)"),
+    (_LIGHT, "pulse_width", "the dim S-curves again, in the end under a shroud without stray light (pulse_width)"),
+    (_SLOW | {"dark_current"}, "pulse_width", "the response against pulse width (pulse_width)"),
+    (_SLOW | _LIGHT, "pulse_width", "the response against pulse width, in the end under a shroud (pulse_width)"),
     (_DRIFTING, "background_activity", "background activity from darkness to bright light (background_activity)"),
     (_NOISY, "background_activity", "background activity from darkness to bright light (background_activity)"),
 )
+
+#: Wider pulses that are so many times as long show what pulse width does.
+_WIDER: Final = 3.0
+
+
+def _shows_widths(points: Sequence[PointData]) -> bool:
+    widths = np.concatenate([p.pulse_stop_s - p.pulse_start_s for p in points])
+    return widths.size > 0 and float(widths.max()) > _WIDER * float(widths.min())
+
+
+#: Whether a run has what a protocol is for already.
+_HAS: Final[dict[str, Callable[[Sequence[PointData]], bool]]] = {
+    "pulse_width": _shows_widths,
+    "background_activity": lambda points: any(p.waveform == "constant" for p in points),
+}
 
 
 def protocol_for(group: Sequence[str]) -> tuple[str, str] | None:
     """Return the protocol that is known to tell effects apart, and how it is said; None: none is known."""
     known = frozenset(group)
     return next(((protocol, title) for apart, protocol, title in _APART if known <= apart), None)
+
+
+def with_rivals(
+    points: Sequence[PointData], states: Sequence[State], missing: Sequence[str],
+    ties: Mapping[str, Sequence[str]],
+) -> dict[str, tuple[str, ...]]:  # fmt: skip
+    """Return ties with those effects that were nearly as good, where a protocol shows what the runs do not.
+
+    Runs may tell them apart by far, if the model is right in all details: a slow photoreceptor from a dark current
+    at one pulse width by the latencies alone. Another protocol tells them apart by what they are.
+
+    Parameters
+    ----------
+    points
+        Of the runs.
+    states
+        Of the search, from the model that it started from.
+    missing
+        Effects that are named.
+    ties
+        Of some of them: those that could take their place.
+    """
+    found = {name: tuple(tied) for name, tied in ties.items()}
+    for before, after in pairwise(states):
+        drops = {one.effect.id: drop for one, drop in zip(before.scores.probes, before.scores.drop, strict=True)}
+        name = after.added
+        if name not in missing or name not in drops:
+            continue
+        near = [other for other, drop in drops.items() if drop > max(_NEARLY * drops[name], _SEEN)]
+        for other in sorted(near, key=lambda other: -drops[other]):
+            group = (name, *found.get(name, ()))
+            if other in group or len(group) == _IN_A_GROUP or states[-1].fit.model.effect(other) is not None:
+                continue
+            known = protocol_for((*group, other))
+            if known is not None and not _HAS[known[0]](points):
+                found[name] = (*group[1:], other)
+    return found
 
 
 def next_measurement(
@@ -68,7 +130,7 @@ def next_measurement(
     problem, fit
         The runs, and the model fitted to them.
     ties
-        Of effects that it has: those that could take their place.
+        Of effects that it has: those that could take their place, or nearly could.
     seed
         Of the simulations.
 
@@ -117,23 +179,17 @@ def _told(
         "title": title,
         "separates": list(group),
         "minutes": round(load_protocol(name).protocol.estimate().duration_s / 60.0, 1),
-        "separation": round(_separation(problem, fit, group, rivals, name, seed), 1),
+        "separation": round(_separation(problem, fit, rivals, name, seed), 1),
     }
 
 
-def _separation(
-    problem: Problem, fit: Fit, group: Sequence[str], rivals: Sequence[PixelModel], protocol: str, seed: int
-) -> float:
+def _separation(problem: Problem, fit: Fit, rivals: Sequence[PixelModel], protocol: str, seed: int) -> float:
     """Return by how many standard errors a protocol tells the first effect from the nearest of the others."""
     like = problem.points[0]
     planned = load_protocol(protocol).protocol.expand()
-    # What is the same to a pixel is not so behind a shroud.
-    covered: Ambient | None = (
-        "shrouded" if any(are_the_same(group[0], other, problem.points) for other in group[1:]) else None
-    )
     found = 0.0
     for side in _SIDES:
-        points = planned_points(planned, like, fit.model, covered, side)
+        points = planned_points(planned, like, fit.model, side)
         of_all = len(planned) / len(points) * like.roi.pixels / points[0].roi.pixels
         found = min(apart_at(problem, fit, rival, points, of_all, seed + 1) for rival in rivals)
         if found >= _SURELY * _ENOUGH or points[0].roi == like.roi:

@@ -301,8 +301,11 @@ def apart_line(outcome: Outcome) -> str | None:
     if isinstance(sigma, int | float) and math.isfinite(sigma):
         far = sigma > _FAR_APART
         parts.append(f"separation over {_FAR_APART:.0f} sigma" if far else f"separation {sigma:.0f} sigma")
+    said = ", ".join(parts)
+    if names and not set(names[1:]) <= set(outcome.ties.get(names[0], ())):  # some were only nearly as good
+        return f"to be sure of {names[0]} rather than {_listed(names[1:], 'or')}: {said}"
     named = f" ({_listed(names, 'from' if len(names) == _TWO else 'and')})" if names else ""
-    return f"to tell {which} apart{named}: {', '.join(parts)}"
+    return f"to tell {which} apart{named}: {said}"
 
 
 #: Standard errors beyond which it does not matter how many: what is so gross is no straight line.

@@ -26,11 +26,10 @@ MODEL = PixelModel(theta_on=0.15, theta_off=0.25, noise_rms=0.03, corner_hz=300.
 def test_points_are_planned_in_the_thresholds_of_the_model(point: Callable[..., Any]) -> None:
     like = replace(point(0, 0.3), roi=Roi(600, 300, 48, 12), refractory_s=3e-3)
     protocol = load_protocol("on_family").protocol.expand()
-    found = planned_points(protocol, like, MODEL, "shrouded", 16)
+    found = planned_points(protocol, like, MODEL, 16)
     assert 20 < len(found) <= 36
     assert {p.roi for p in found} == {Roi(600, 300, 16, 12)}
     assert {p.refractory_s for p in found} == {3e-3}
-    assert {p.attributes["ambient"] for p in found} == {"shrouded"}
     # The protocol prescribes 0.30 for ON: half of its contrasts are the same in thresholds.
     halves = np.array([0.5 * p.log_contrast for p in protocol])
     assert all(np.abs(halves - p.log_contrast).min() < 1e-12 for p in found)
@@ -50,11 +49,12 @@ def test_a_shroud_tells_stray_light_from_dark_current_and_nothing_tells_a_model_
     with open_session([run], MODEL + DarkCurrent(2.0), Workforce(1)) as session:
         fitted = session.fit(1)
         dim = [p for p in load_protocol("on_family").protocol.expand() if p.baseline_lux < 0.3][::6]
-        points = planned_points(dim, run.taken[0], fitted.model, "shrouded", 16)
+        shrouded = [replace(p, ambient="shrouded") for p in dim]
+        points = planned_points(shrouded, run.taken[0], fitted.model, 16)
         same = apart_at(session.problem, fitted, fitted.model, points, 1.0, 5)
         stray = fitted.model.without("dark_current") + StrayLight(lux_of_2_fa)
         other = apart_at(session.problem, fitted, stray, points, 1.0, 5)
-        opened = planned_points(dim, run.taken[0], fitted.model, None, 16)
+        opened = planned_points(dim, run.taken[0], fitted.model, 16)
         unshrouded = apart_at(session.problem, fitted, stray, opened, 1.0, 5)
     assert same == 0.0
     # Half of the light of these levels is dark light: without it they answer more often, and nothing else is known.

@@ -61,8 +61,16 @@ def test_what_tells_tied_effects_apart_is_told_with_its_time(explained: Outcome)
     assert apart_line(explained) == line
     assert apart_line(replace(explained, next_measurement=None)) is None
     three = {"protocol": "pulse_width", "title": "pulse_width", "separates": ["a", "b", "c"], "minutes": 3.0}
-    assert apart_line(replace(explained, next_measurement=three)) == (
+    assert apart_line(replace(explained, next_measurement=three, ties={"a": ("b", "c")})) == (
         "to tell the three apart (a, b and c): pulse_width, 3 minutes"
+    )
+
+
+def test_what_was_only_nearly_as_good_is_not_called_tied(explained: Outcome) -> None:
+    names = ["dark_current", "stray_light", "photoreceptor_bandwidth"]
+    following = {"protocol": "pulse_width", "title": "pulse_width", "separates": names, "minutes": 17.0}
+    assert apart_line(replace(explained, next_measurement=following)) == (
+        "to be sure of dark_current rather than stray_light or photoreceptor_bandwidth: pulse_width, 17 minutes"
     )
 
 
