@@ -18,6 +18,7 @@ from bench.diagnosis.result import Outcome
 from bench.diagnosis.searching.better_place import better_place
 from bench.diagnosis.searching.candidate_table import step_with_candidates
 from bench.diagnosis.searching.detours import other_ways, proposing
+from bench.diagnosis.searching.fall_of_errors import errors_of
 from bench.diagnosis.searching.next_measurement import next_measurement, with_rivals
 from bench.diagnosis.searching.refit import refitted
 from bench.diagnosis.searching.remainder import remainder_of
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.fitting.probe import Probe
-    from bench.diagnosis.result import Step, Verdict
+    from bench.diagnosis.result import Error, Step, Verdict
     from bench.diagnosis.searching.probing import Probed
     from bench.diagnosis.searching.refit import Found
     from bench.diagnosis.searching.screen import Scores
@@ -117,6 +118,7 @@ class Diagnosis:
         )
         self._states: list[State] = []
         self._next: tuple[Fit, dict[str, Any] | None] | None = None
+        self._errors: list[tuple[Fit, Error]] = []
         self._shortlist = Shortlist(self._session, self._refitted, seed)
         self._searching = False  # or a search was cut short
         self._seen: Probed = {}  # how well each effect is seen hardly depends on the step
@@ -157,7 +159,16 @@ class Diagnosis:
     @property
     def steps(self) -> tuple[Step, ...]:
         """What was found in each step; the first is the model to start from."""
-        return tuple(step_with_candidates(self.problem, state, number) for number, state in enumerate(self._all()))
+        states = self._all()
+        steps = (step_with_candidates(self.problem, state, number) for number, state in enumerate(states))
+        return tuple(replace(step, error=error) for step, error in zip(steps, self._errors_of(states), strict=True))
+
+    def _errors_of(self, states: Sequence[State]) -> Sequence[Error]:
+        """Return the errors that are told; what they need is simulated once for the fits that they are of."""
+        fits = [state.fit for state in states]
+        if [id(fit) for fit in fits] != [id(fit) for fit, _ in self._errors]:
+            self._errors = list(zip(fits, errors_of(states, self._seed + 57), strict=True))
+        return [error for _, error in self._errors]
 
     @property
     def proposal(self) -> str | None:

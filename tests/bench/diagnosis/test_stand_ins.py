@@ -83,20 +83,37 @@ def test_one_point_alone_tells_nothing_of_points_that_were_not_seen() -> None:
     assert may_be_added(problem, before, Found("leak", after, deviance(problem, after)))
 
 
+KNOWN = replace(BASE.free, prior_sd=0.05)
+START, MEASURED = np.array([-0.2]), NOISE + 0.6 * COLUMN
+
+
+def least_squares(seen: npt.NDArray[np.int64]) -> float:
+    """Return the number that some of the statistics ask for, given what is known before."""
+    known = KNOWN.prior_sd**-2
+    return float((COLUMN[seen] @ MEASURED[seen] + START[0] * known) / (COLUMN[seen] @ COLUMN[seen] + known))
+
+
 def test_points_that_were_not_seen_are_foreseen_with_what_is_known_beforehand() -> None:
     """Each fold by itself: least squares with a prior, whose middle is not where the fit has led."""
-    known = replace(BASE.free, prior_sd=0.05)
-    start, measured = np.array([-0.2]), NOISE + 0.6 * COLUMN
+    x = np.array([least_squares(np.arange(N))])
+    one = replace(
+        fit_of(MEASURED), slots=(Slot(KNOWN),), x=x, start=START, residual=MEASURED - COLUMN * x[0]
+    )  # fmt: skip
     squares = 0.0
     for fold in range(5):
         unseen = np.concatenate([np.arange(N)[where] for where in SLICES[fold::5]])
-        seen = np.setdiff1d(np.arange(N), unseen)
-        left = COLUMN[seen] @ COLUMN[seen] + known.prior_sd**-2
-        x = (COLUMN[seen] @ measured[seen] + start[0] * known.prior_sd**-2) / left
-        squares += float(np.sum((measured[unseen] - x * COLUMN[unseen]) ** 2))
-    x = np.array([0.5])  # the folds are fitted from there along straight lines
-    one = replace(fit_of(measured), slots=(Slot(known),), x=x, start=start, residual=measured - COLUMN * x[0])
+        there = least_squares(np.setdiff1d(np.arange(N), unseen))
+        squares += float(np.sum((MEASURED[unseen] - there * COLUMN[unseen]) ** 2))
     assert heldout(PROBLEM, one) == pytest.approx(squares / N, rel=1e-9)
+
+
+def test_unseen_points_are_no_better_than_all_where_lines_lead_to_what_simulations_have_refused() -> None:
+    """A fit that stopped elsewhere than straight lines ask for: they would foresee what no simulation shows."""
+    x = np.array([1.6])
+    one = replace(fit_of(MEASURED), x=x, residual=MEASURED - COLUMN * x[0])
+    fitted = fit_of(MEASURED)
+    assert heldout(PROBLEM, fitted) < 1.1 * deviance(PROBLEM, fitted) / N
+    assert heldout(PROBLEM, one) > 0.9 * deviance(PROBLEM, one) / N > 1.5 * heldout(PROBLEM, fitted)
 
 
 @pytest.mark.parametrize(("points", "far_off"), [(10, False), (39, True), (100, True)])
