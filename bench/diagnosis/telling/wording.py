@@ -263,7 +263,8 @@ def verdict_line(outcome: Outcome) -> str:
         return f"verdict: the data are not fit to be judged: {'; '.join(outcome.findings)}"
     first, last = (significant(outcome.steps[i].error.deviance_per_dof) for i in (0, -1))
     names = _listed([with_ties(outcome, name) for name in outcome.missing])
-    many = "one effect was" if len(outcome.missing) == 1 else f"{len(outcome.missing)} effects were"
+    number = len(outcome.missing)
+    many = "one effect was" if number == 1 else f"{_SMALL_NUMBERS.get(number, str(number))} effects were"
     if outcome.verdict == "nothing_missing":
         return f"verdict: nothing is missing. The error is {first}, and no known effect would lower it beyond chance."
     if outcome.verdict == "explained":

@@ -100,7 +100,7 @@ def test_every_verdict_is_one_sentence(explained: Outcome) -> None:
     stopped = verdict_line(replace(explained, verdict="unexplained", missing=(), stopped=True))
     assert "so far. With dark_current the error fell from 41.7 to 1.06; the search was stopped" in stopped
     two = replace(explained, missing=("dark_current", "leak"))
-    assert "2 effects were missing, dark_current (or stray_light) and leak." in verdict_line(two)
+    assert "two effects were missing, dark_current (or stray_light) and leak." in verdict_line(two)
 
 
 def test_a_diagnosis_without_steps_has_a_verdict_still(explained: Outcome) -> None:
