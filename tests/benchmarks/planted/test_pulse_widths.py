@@ -1,4 +1,7 @@
-"""Dark current or a slow photoreceptor: at one pulse width they may be tied, with more widths they are told apart."""
+"""Dark current or a slow photoreceptor: at one pulse width they may be tied, with more widths they are told apart.
+
+What is said of one width leads to the other widths, whether the two are tied or nearly so.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +41,9 @@ def test_other_widths_tell_dark_current_from_a_slow_photoreceptor(tmp_path: Path
     with Diagnosis(run) as diagnosis:
         outcome = diagnosis.run()
     assert truth in outcome.missing or truth in outcome.ties.get(other, ())
+    if truth == "dark_current":
+        assert outcome.next_measurement is not None
+        assert outcome.next_measurement["protocol"] == "pulse_width"
 
     more = []
     for number, width_s in enumerate(OTHER_WIDTHS_S, start=1):
