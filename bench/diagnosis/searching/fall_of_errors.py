@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.fitting.fit import moved
-from bench.diagnosis.fitting.judging import deviance_per_dof, error_of
+from bench.diagnosis.fitting.judging import error_of
 from bench.diagnosis.fitting.sharpening import NEARBY
 from bench.diagnosis.result import Error
 
@@ -39,7 +39,7 @@ def errors_of(states: Sequence[State], seed: int) -> list[Error]:
         Of the simulations.
     """
     errors = [error_of(state.problem, state.fit) for state in states]
-    near = [i for i, s in enumerate(states) if deviance_per_dof(s.problem, s.fit) <= NEARBY]
+    near = [i for i, error in enumerate(errors) if error.deviance_per_dof <= NEARBY]
     if len(near) > 1 and near[-1] == len(states) - 1:
         some = [states[i] for i in near]
         first, second = (_with_the_chance_of_the_last(some, s) for s in (seed, seed + _OTHER_SEED))

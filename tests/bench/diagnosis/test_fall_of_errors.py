@@ -45,55 +45,55 @@ def state(true: Floats, seed: int) -> Any:
     return SimpleNamespace(problem=PROBLEM, fit=fit, true=true)
 
 
-@pytest.fixture
-def simulated(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Return the seeds with which something was simulated: what has the same seed has the same chance."""
-    seeds: list[int] = []
+class Simulations:
+    """Simulates models of a search; what has the same seed has chance in common, and may have more of its own."""
 
-    def moved(problem: Any, one: Fit, x: Floats, seed: int) -> Fit:
+    def __init__(self) -> None:
+        self.seeds: list[int] = []
+        self.states: list[Any] = []
+        self.own = 0.0
+
+    def search(self, *lacking: Floats, own: float = 0.0) -> list[Any]:
+        """Return states whose models expect so much of what is 0."""
+        self.states = [state(true, 10 + i) for i, true in enumerate(lacking)]
+        self.own = own
+        return self.states
+
+    def moved(self, problem: Any, one: Fit, x: Floats, seed: int) -> Fit:
         assert problem is PROBLEM
         assert x is one.x
-        seeds.append(seed)
-        number, true = next((i, s.true) for i, s in enumerate(STATES) if s.fit is one)
-        common, own = (
-            CHANCE * part * np.random.default_rng(key).standard_normal(N)
-            for part, key in ((1.0, [seed]), (OWN[0], [seed, number]))
-        )
-        value = true + common + own
+        self.seeds.append(seed)
+        number, true = next((i, s.true) for i, s in enumerate(self.states) if s.fit is one)
+        common, own = (np.random.default_rng(key).standard_normal(N) for key in ([seed], [seed, number]))
+        value = true + CHANCE * (common + self.own * own)
         return replace(one, value=value, residual=MEASURED - value)
 
-    monkeypatch.setattr(module, "moved", moved)
-    return seeds
 
-
-STATES: list[Any] = []
-OWN = [0.0]
-
-
-def search(*lacking: Floats, own: float = 0.0) -> list[Any]:
-    STATES[:] = [state(true, 10 + i) for i, true in enumerate(lacking)]
-    OWN[0] = own
-    return STATES
+@pytest.fixture
+def simulated(monkeypatch: pytest.MonkeyPatch) -> Simulations:
+    found = Simulations()
+    monkeypatch.setattr(module, "moved", found.moved)
+    return found
 
 
 def squares(residual: Floats) -> float:
     return float(residual @ residual) / (N - 1)
 
 
-def test_the_fall_is_that_of_the_effect(simulated: list[int]) -> None:
+def test_the_fall_is_that_of_the_effect(simulated: Simulations) -> None:
     """By itself the first fit has chance of its own, which is as large as what the effect takes away."""
-    first, last = search(LACKING, np.zeros(N))
+    first, last = simulated.search(LACKING, np.zeros(N))
     errors = errors_of([first, last], 5)
     assert errors[1].deviance_per_dof == pytest.approx(squares(last.fit.residual))
     assert errors[0].deviance_per_dof == pytest.approx(squares(last.fit.residual - LACKING))
     assert errors[0].heldout_deviance_per_dof > errors[1].heldout_deviance_per_dof
-    assert sorted(simulated) == sorted(2 * [5, 5 + module._OTHER_SEED])
+    assert sorted(simulated.seeds) == sorted(2 * [5, 5 + module._OTHER_SEED])
 
 
-def test_chance_that_models_do_not_share_adds_nothing_on_average(simulated: list[int]) -> None:
-    first, last = search(LACKING, np.zeros(N), own=1.0)
+def test_chance_that_models_do_not_share_adds_nothing_on_average(simulated: Simulations) -> None:
+    first, last = simulated.search(LACKING, np.zeros(N), own=1.0)
     found = [errors_of([first, last], 10 * seed)[0].deviance_per_dof for seed in range(60)]
-    assert simulated
+    assert simulated.seeds
     sharp = squares(last.fit.residual - LACKING)
     off = np.mean(found) - sharp
     assert abs(off) < 3.0 * np.std(found) / math.sqrt(60.0)
@@ -101,21 +101,21 @@ def test_chance_that_models_do_not_share_adds_nothing_on_average(simulated: list
     assert 3.0 * np.std(found) / math.sqrt(60.0) < 2.0 * CHANCE**2
 
 
-def test_what_is_far_off_and_what_is_alone_is_told_as_it_is(simulated: list[int]) -> None:
-    far, last = search(40.0 * LACKING, np.zeros(N))
+def test_what_is_far_off_and_what_is_alone_is_told_as_it_is(simulated: Simulations) -> None:
+    far, last = simulated.search(40.0 * LACKING, np.zeros(N))
     assert [e.deviance_per_dof for e in errors_of([far, last], 1)] == [squares(s.fit.residual) for s in (far, last)]
-    near, off = search(LACKING, 40.0 * LACKING)  # a person added it
+    near, off = simulated.search(LACKING, 40.0 * LACKING)  # a person added it
     assert [e.deviance_per_dof for e in errors_of([near, off], 1)] == [squares(s.fit.residual) for s in (near, off)]
-    (only,) = search(LACKING)
+    (only,) = simulated.search(LACKING)
     assert errors_of([only], 1)[0].deviance_per_dof == squares(only.fit.residual)
-    assert not simulated
+    assert not simulated.seeds
 
 
-def test_what_one_of_them_says_nothing_of_stays_as_it_was(simulated: list[int]) -> None:
-    first, last = search(LACKING, np.zeros(N))
+def test_what_one_of_them_says_nothing_of_stays_as_it_was(simulated: Simulations) -> None:
+    first, last = simulated.search(LACKING, np.zeros(N))
     some = np.arange(N) < 50
     last.fit = replace(last.fit, deviation=np.where(some, 1e6, 1.0))
     (found, _) = errors_of([first, last], 5)
     expected = np.where(some, first.fit.residual, last.fit.residual - LACKING)
-    assert simulated
+    assert simulated.seeds
     assert found.deviance_per_dof == pytest.approx(squares(expected))

@@ -25,11 +25,12 @@ MODEL = PixelModel(theta_on=0.15, theta_off=0.25, noise_rms=0.03, corner_hz=300.
 
 def test_points_are_planned_in_the_thresholds_of_the_model(point: Callable[..., Any]) -> None:
     like = replace(point(0, 0.3), roi=Roi(600, 300, 48, 12), refractory_s=3e-3)
-    protocol = load_protocol("on_family").protocol.expand()
+    protocol = [replace(p, ambient="shrouded") for p in load_protocol("on_family").protocol.expand()]
     found = planned_points(protocol, like, MODEL, 16)
     assert 20 < len(found) <= 36
     assert {p.roi for p in found} == {Roi(600, 300, 16, 12)}
     assert {p.refractory_s for p in found} == {3e-3}
+    assert {p.attributes["ambient"] for p in found} == {"shrouded"}
     # The protocol prescribes 0.30 for ON: half of its contrasts are the same in thresholds.
     halves = np.array([0.5 * p.log_contrast for p in protocol])
     assert all(np.abs(halves - p.log_contrast).min() < 1e-12 for p in found)

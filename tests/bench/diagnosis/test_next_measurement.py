@@ -21,14 +21,14 @@ NOTHING: Any = None
 
 
 @pytest.fixture
-def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[str, float]], list[str]]:
-    """Let protocols tell effects apart by some standard errors; the others by none. Return what is tried."""
+def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[str, float], Sequence[str]], list[str]]:
+    """Let protocols tell an effect from others by some standard errors, the rest by none. Return what is tried."""
 
-    def with_separations(known: dict[str, float], others: Sequence[str] = ()) -> list[str]:
+    def with_separations(known: dict[str, float], others: Sequence[str]) -> list[str]:
         tried: list[str] = []
 
         def separation(_: Any, __: Any, rivals: Sequence[str], protocol: str, ____: int) -> float:
-            assert not others or list(rivals) == [f"with {other}" for other in others]
+            assert list(rivals) == [f"with {other}" for other in others]
             tried.append(protocol)
             return known.get(protocol, 0.0)
 
@@ -92,7 +92,7 @@ def test_more_pixels_are_simulated_where_a_few_do_not_tell(
 
 def test_where_nothing_is_known_the_first_that_is_enough_is_proposed(apart: Callable[..., list[str]]) -> None:
     assert protocol_for(("crosstalk", "dark_current")) is None
-    tried = apart({"quick_look": 3.0, "pulse_width": 8.0, "on_family": 40.0})
+    tried = apart({"quick_look": 3.0, "pulse_width": 8.0, "on_family": 40.0}, ["dark_current"])
     found = next_measurement(NOTHING, NOTHING, {"crosstalk": ("dark_current",)}, 1)
     assert found is not None
     assert found["protocol"] == "pulse_width"
@@ -101,7 +101,7 @@ def test_where_nothing_is_known_the_first_that_is_enough_is_proposed(apart: Call
 
 
 def test_another_protocol_takes_the_place_of_one_that_does_not_help(apart: Callable[..., list[str]]) -> None:
-    apart({"pulse_width": 1.0, "background_activity": 4.0})
+    apart({"pulse_width": 1.0, "background_activity": 4.0}, ["photoreceptor_bandwidth"])
     found = next_measurement(NOTHING, NOTHING, {"dark_current": ("photoreceptor_bandwidth",)}, 1)
     assert found is not None
     assert (found["protocol"], found["separation"]) == ("background_activity", 4.0)
@@ -109,7 +109,7 @@ def test_another_protocol_takes_the_place_of_one_that_does_not_help(apart: Calla
 
 def test_nothing_is_proposed_where_nothing_helps(apart: Callable[..., list[str]]) -> None:
     assert next_measurement(NOTHING, NOTHING, {}, 1) is None
-    apart({"quick_look": 1.5})
+    apart({"quick_look": 1.5}, ["photoreceptor_bandwidth"])
     assert next_measurement(NOTHING, NOTHING, {"dark_current": ("photoreceptor_bandwidth",)}, 1) is None
 
 
@@ -154,6 +154,10 @@ def test_what_was_nearly_as_good_is_told_apart_as_well_where_it_is_known_how() -
     found = with_rivals(_points(0.02, 0.02), DARK, ["dark_current"], {"dark_current": ("stray_light",)})
     assert found == {"dark_current": ("stray_light", "photoreceptor_bandwidth")}
     assert with_rivals(_points(0.02), LEAK, ["leak"], {}) == {"leak": ("hot_pixels",)}
+
+
+def test_of_each_protocol_that_helps_it_is_known_whether_a_run_has_it() -> None:
+    assert {protocol for _, protocol, _ in module._APART} == set(module._HAS)
 
 
 def test_what_a_run_shows_already_is_not_asked_for_again() -> None:
