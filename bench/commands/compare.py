@@ -34,7 +34,8 @@ def command(
 
     The free numbers of the model are fitted; stimulus, settings and sensor come from the run. Several runs of one
     sensor are explained together. What is printed is also in RUN/comparison, with every residual in residuals.csv,
-    and what they do along each axis in by_axis.csv.
+    and what they do along each axis in by_axis.csv. Data that are not fit to be judged are told so, with the reasons,
+    and compared all the same.
 
     Example:  evs-bench compare my_run --model model.yaml
     """
@@ -64,6 +65,7 @@ def command(
         print_json(content)
     else:
         click.echo(head_line(comparison.runs, *size_of(opened), comparison.findings))
-        for line in (*comparison_lines(comparison, places, found), "", *axis_lines(bins)):
+        but = (f"fit to judge, but {caution}" for caution in comparison.cautions)
+        for line in (*but, *comparison_lines(comparison, places, found), "", *axis_lines(bins)):
             click.echo(line)
     say(f"the model with its fitted numbers, and all residuals, are in {folder}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ from bench.commands.evaluating import DIAGNOSIS
 from bench.run.stop import StopFlag
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from bench.diagnosis.comparison import ResidualsByStep
     from bench.diagnosis.diagnosis import Diagnosis
@@ -89,11 +90,13 @@ def command(
         with Diagnosis(
             opened, model, seed=seed, tell=tell, workforce=processes(workers), whole=whole
         ) as diagnosis:  # fmt: skip
+            but = [f"fit to judge, but {caution}" for caution in diagnosis.cautions]
 
             def search() -> Outcome:
-                return _by_hand(diagnosis, tell, show) if by_hand else diagnosis.run(max_effects)
+                return _by_hand(diagnosis, tell, show, but) if by_hand else diagnosis.run(max_effects)
 
             outcome, cut_short = _until_stopped(diagnosis, search, tell, minutes)
+            outcome = _reasons_alone(outcome) if outcome.findings else outcome
             residuals = residuals_by_step(diagnosis.problem, diagnosis.fits) if outcome.steps else {}
         tell("drawing the figures")
         _save(outcome, residuals, folder)
@@ -101,9 +104,10 @@ def command(
         print_json(outcome.to_dict())
     elif not by_hand or cut_short:
         show(head_line(outcome.runs, *size_of(opened), outcome.findings))
-        for line in lines_of(outcome, first_places(residuals)):
+        for line in (*but, *lines_of(outcome, first_places(residuals))):
             show(line)
-    where = f"model, tables and figures are in {folder}; open {folder / PAGE} in a browser"
+    what = "the reasons are" if outcome.findings else "model, tables and figures are"
+    where = f"{what} in {folder}; open {folder / PAGE} in a browser"
     if cut_short:
         raise KeyboardInterrupt(f"stopped; {where}")
     say(where)
@@ -162,8 +166,13 @@ def _save(outcome: Outcome, residuals: ResidualsByStep, folder: Path) -> None:
     write_diagnosis(folder)
 
 
-def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None]) -> Outcome:
-    """Let a person pick the effects."""
+def _reasons_alone(outcome: Outcome) -> Outcome:
+    """Return why the data are not fit to be judged, without what a person looked at all the same."""
+    return replace(outcome, steps=(), missing=(), ties={}, remainder=(), next_measurement=None, model=None)
+
+
+def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None], but: Sequence[str]) -> Outcome:
+    """Let a person pick the effects; `but` is what is to be known before."""
     from bench.diagnosis.comparison import residuals_by_step
     from bench.diagnosis.telling.by_axis import first_places
     from bench.diagnosis.telling.interactive import watch
@@ -181,6 +190,6 @@ def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None]) ->
         tell.rest()
         show(line)
 
-    for line in shortened_lines(diagnosis.shortened):
+    for line in (*but, *shortened_lines(diagnosis.shortened)):
         show_at_rest(line)
     return watch(diagnosis, ask, show_at_rest, place)

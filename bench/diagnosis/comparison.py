@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.diagnosis.expected.gate import findings_of
+from bench.diagnosis.expected.gate import cautions_of, findings_of
 from bench.diagnosis.expected.residuals import slope_of
 from bench.diagnosis.fitting.judging import step_of
 from bench.diagnosis.session import open_session
@@ -63,6 +63,7 @@ class Comparison:
     correlation: Floats = field(repr=False, compare=False)  #: (n, n) of the residuals, as the model expects it
     model: PixelModel = field(compare=False)  #: fitted
     shortened: str = ""  #: how much of the recordings was looked at, where it was not all
+    cautions: tuple[str, ...] = ()  #: what is to be known of data that are fit to be judged
 
 
 def compare(
@@ -98,9 +99,11 @@ def compare(
         found = session.fit(seed)
         shown = residuals_of(problem, found)
         mutual = correlation_of(problem, found)
+        findings = findings_of(problem)
         return Comparison(
-            session.ids, findings_of(problem), step_of(problem, found), shown, mutual, found.model, session.shortened
-        )
+            session.ids, findings, step_of(problem, found), shown, mutual, found.model, session.shortened,
+            cautions=() if findings else cautions_of(problem),
+        )  # fmt: skip
 
 
 def residuals_of(problem: Problem, one: Fit) -> tuple[Residual, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from bench.diagnosis.expected.catalogue import candidates, why_not
-from bench.diagnosis.expected.gate import findings_of
+from bench.diagnosis.expected.gate import cautions_of, findings_of
 from bench.diagnosis.fitting.details import with_a_detail
 from bench.diagnosis.fitting.judging import deviance_beside, deviance_per_dof, is_far_off, share
 from bench.diagnosis.fitting.settling import settled
@@ -123,6 +123,7 @@ class Diagnosis:
         self._searching = False  # or a search was cut short
         self._seen: Probed = {}  # how well each effect is seen hardly depends on the step
         self.findings: tuple[str, ...] = findings_of(self._session.problem)
+        self.cautions: tuple[str, ...] = () if self.findings else cautions_of(self._session.problem)
 
     def __enter__(self) -> Self:
         return self
@@ -160,7 +161,7 @@ class Diagnosis:
     def steps(self) -> tuple[Step, ...]:
         """What was found in each step; the first is the model to start from."""
         states = self._all()
-        steps = (step_with_candidates(self.problem, state, number) for number, state in enumerate(states))
+        steps = (self._step(number) for number in range(len(states)))
         return tuple(replace(step, error=error) for step, error in zip(steps, self._errors_of(states), strict=True))
 
     def _errors_of(self, states: Sequence[State]) -> Sequence[Error]:
@@ -254,6 +255,7 @@ class Diagnosis:
             model=last.model if last is not None else None,
             shortened=self.shortened,
             stopped=stopped,
+            cautions=self.cautions,
         )
 
     def _next_measurement(
@@ -266,7 +268,7 @@ class Diagnosis:
         last = states[-1].fit
         if self._next is None or self._next[0] is not last:
             self._say("looking for the measurement that tells effects apart")
-            self._next = last, next_measurement(self.problem, last, rivals, self._seed + 61)
+            self._next = last, next_measurement(self.problem, last, rivals, self._seed + 61) or {}
         return self._next[1]
 
     def _go_on(self, most: int) -> None:
@@ -447,7 +449,12 @@ class Diagnosis:
         return left
 
     def _last_step(self) -> Step:
-        return step_with_candidates(self.problem, self._states[-1], len(self._states) - 1)
+        return self._step(len(self._states) - 1)
+
+    def _step(self, number: int) -> Step:
+        state, last = self._states[number], self._states[-1].fit
+        ties = {} if state.proposal is None else {state.proposal: state.tied}
+        return step_with_candidates(state, number, told_apart(ties, self.problem, last))
 
     def _might_go_on(self, state: State) -> bool:
         """Return whether something was to be added, or may have been: nobody has looked."""

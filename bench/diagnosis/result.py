@@ -48,14 +48,15 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An effect that the model lacks, and what it would bring."""
+    """An effect that the model lacks, and what it would bring: falls of the error, deviance per degree of freedom."""
 
     effect: str
-    screen_drop: float  #: expected fall of the deviance, without a refit
-    refit_drop: float | None  #: found fall; None where it was not refitted
-    p_value: float  #: that the best of all candidates falls as far by chance
+    screen_drop: float  #: expected, without a refit
+    refit_drop: float | None  #: found; None where it was not refitted
+    p_value: float  #: that the screen expects as much of the best of all candidates by chance
     tied_with: tuple[str, ...]
     smallest: float | None  #: least size that would have been found, in the unit of its first number
+    heldout_drop: float | None = None  #: found on points that the fit did not see
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers."""
@@ -63,6 +64,7 @@ class Candidate:
             "effect": self.effect,
             "screen_drop": self.screen_drop,
             "refit_drop": self.refit_drop,
+            "heldout_drop": self.heldout_drop,
             "p_value": self.p_value,
             "tied_with": list(self.tied_with),
             "smallest": self.smallest,
@@ -144,17 +146,18 @@ class Outcome:
     missing: tuple[str, ...]
     ties: dict[str, tuple[str, ...]]
     remainder: tuple[Remainder, ...] = ()
-    next_measurement: dict[str, Any] | None = None
+    next_measurement: dict[str, Any] | None = None  #: empty where nothing that is known would help
     model: PixelModel | None = field(default=None, compare=False)  #: with all that was added
     shortened: str = ""  #: how much of the recordings was looked at, where it was not all
     stopped: bool = False  #: before all was tried that is known: by a person, or at the most effects that were asked
+    cautions: tuple[str, ...] = ()  #: what is to be known of data that are fit to be judged
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and texts, as they stand in the JSON."""
         return {
             "format": "evs-bench-diagnosis/1",
             "runs": list(self.runs),
-            "data_quality": quality_dict(self.findings, self.shortened),
+            "data_quality": quality_dict(self.findings, self.shortened, self.cautions),
             "noise_floor": 1.0,
             "steps": [s.to_dict() for s in self.steps],
             "verdict": self.verdict,
@@ -162,11 +165,14 @@ class Outcome:
             "missing": list(self.missing),
             "ties": {key: list(value) for key, value in self.ties.items()},
             "remainder": [r.to_dict() for r in self.remainder],
-            "next_measurement": self.next_measurement,
+            "next_measurement": self.next_measurement or None,
         }
 
 
-def quality_dict(findings: Sequence[str], shortened: str) -> dict[str, Any]:
-    """Return whether data are fit to judge, and how much of them was looked at where it was not all."""
-    found: dict[str, Any] = {"ok": not findings, "findings": list(findings)}
+def quality_dict(findings: Sequence[str], shortened: str, cautions: Sequence[str] = ()) -> dict[str, Any]:
+    """Return whether data are fit to judge, what was found, and how much was looked at where it was not all.
+
+    Data may be fit, and something is to be known of them.
+    """
+    found: dict[str, Any] = {"ok": not findings, "findings": [*findings, *cautions]}
     return found | ({"looked_at": shortened} if shortened else {})

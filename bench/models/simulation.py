@@ -75,9 +75,17 @@ def with_recorded_dead_time(model: PixelModel) -> ModelOf:
     return model_of
 
 
-def point_chain(point: PointData, model: PixelModel, sensor_seed: int) -> Chain:
-    """Return the pixels of a point's window; behind a shroud or a cap there is no stray light."""
-    chain = build_chain(model, point.roi, sensor_seed)
+def point_chain(point: PointData, model: PixelModel, sensor_seed: int, *, even: bool = False) -> Chain:
+    """Return the pixels of a point's window; behind a shroud or a cap there is no stray light.
+
+    Parameters
+    ----------
+    point, model, sensor_seed
+        See :func:`simulate_point`.
+    even
+        See :class:`~sim_backend.pixel.chain.PixelDraws`.
+    """
+    chain = build_chain(model, point.roi, sensor_seed, even=even)
     closed = point.attributes.get("ambient", "open") != "open"
     return replace(chain, stray_lux=0.0) if closed else chain
 

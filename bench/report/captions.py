@@ -197,8 +197,8 @@ def misfit_map(numbers: MisfitMapNumbers) -> str:
 def ranking(numbers: RankingNumbers) -> str:
     """Caption of the ranking of the candidates."""
     return (
-        f"The candidates at {count(len(numbers.steps), 'step')}: by how much the deviance would fall with each, as "
+        f"The candidates at {count(len(numbers.steps), 'step')}: by how much the error would fall with each, as "
         "the residuals let expect (open bars), and after a refit (filled, of the best ones only). p is the chance "
-        "that the best of all candidates lowers it as far where nothing is missing. Tied: the data cannot tell it "
-        "from the one that was added."
+        "that as much is expected of the best of all candidates where nothing is missing. Tied: the data cannot tell "
+        "it from the one that was added."
     )

@@ -9,6 +9,8 @@ from bench.diagnosis.telling.quantities import number_text
 from bench.diagnosis.telling.reading import BINS_FILE, JSON_FILE, read_bins, read_outcome
 from bench.diagnosis.telling.wording import (
     apart_line,
+    blind,
+    fall_text,
     p_text,
     remainder_text,
     shortened_parts,
@@ -124,6 +126,8 @@ def _section(outcome: Outcome, figures: tuple[Shown, ...]) -> DiagnosisSection:
     notes = [f"{capital(part)}." for part in shortened_parts(outcome.shortened)]
     notes += [f"Left over: {remainder_text(r)}." for r in outcome.remainder]
     notes += [f"{capital(apart)}."] if apart is not None else []
+    unseen = blind(outcome) if outcome.verdict == "nothing_missing" else []
+    notes += [f"Not to be seen in these data at any size: {', '.join(_words(unseen))}."] if unseen else []
     return DiagnosisSection(
         runs=outcome.runs,
         verdict=capital(verdict_line(outcome).removeprefix("verdict: ")),
@@ -167,15 +171,19 @@ def _parameters(outcome: Outcome) -> Table:
 
 
 def _candidates(candidates: Sequence[Candidate]) -> Table | None:
-    shown = [c for c in candidates if c.screen_drop > 0.0]
+    shown = [c for c in candidates if c.screen_drop > 0.0 or c.refit_drop is not None]
     if not shown:
         return None
-    heads = (("candidate", ""), ("expected fall", "deviance"), ("after a refit", "deviance"), ("p", ""))
+    heads = (
+        ("candidate", ""), ("expected fall", "of the error"), ("after a refit", "of the error"),
+        ("on unseen points", "of the error"), ("p", ""),
+    )  # fmt: skip
     rows = [
         (
             Cell(_word(c.effect)),
-            Cell(f"{c.screen_drop:.1f}"),
-            Cell(MISSING if c.refit_drop is None else f"{c.refit_drop:.1f}"),
+            Cell(fall_text(c.screen_drop)),
+            Cell(MISSING if c.refit_drop is None else fall_text(c.refit_drop)),
+            Cell(MISSING if c.heldout_drop is None else fall_text(c.heldout_drop)),
             Cell(p_text(c.p_value)),
         )
         for c in shown

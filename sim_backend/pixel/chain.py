@@ -121,11 +121,17 @@ class PixelDraws:
         (n,) columns and rows on the sensor.
     sensor_seed
         Stands for the individual sensor.
+    even
+        Numbers from 0 to 1 are spread evenly over the pixels: a share of them is as exact as their number lets it be,
+        and by chance right on average. Of real sensors it is not; what one expects of them is told by fewer such.
     """
 
-    def __init__(self, x: npt.NDArray[np.uint16], y: npt.NDArray[np.uint16], sensor_seed: int) -> None:
+    def __init__(
+        self, x: npt.NDArray[np.uint16], y: npt.NDArray[np.uint16], sensor_seed: int, *, even: bool = False
+    ) -> None:  # fmt: skip
         self._index = pixel_ids(x, y)
         self._seed = sensor_seed
+        self._even = even
 
     def normal(self, purpose: str) -> npt.NDArray[np.float64]:
         """Return a standard normal number for each pixel; each `purpose` has its own."""
@@ -133,10 +139,14 @@ class PixelDraws:
 
     def uniform(self, purpose: str) -> npt.NDArray[np.float64]:
         """Return a number from 0 to below 1 for each pixel; each `purpose` has its own."""
-        return uniforms(self._seed, self._index, zlib.crc32(purpose.encode()))
+        found = uniforms(self._seed, self._index, zlib.crc32(purpose.encode()))
+        if not self._even:
+            return found
+        first = uniforms(self._seed, np.zeros(1, np.uint32), zlib.crc32(f"{purpose}, the first".encode()))
+        return np.asarray((np.argsort(np.argsort(found)) + first) / found.size)
 
 
-def build_chain(model: PixelModel, roi: Roi, sensor_seed: int) -> Chain:
+def build_chain(model: PixelModel, roi: Roi, sensor_seed: int, *, even: bool = False) -> Chain:
     """Return the chain of the pixels of a window, row by row, with all effects of the model in place.
 
     Parameters
@@ -147,6 +157,8 @@ def build_chain(model: PixelModel, roi: Roi, sensor_seed: int) -> Chain:
         Window in sensor coordinates, below 65 536 each.
     sensor_seed
         Stands for the individual sensor: fixes what differs from pixel to pixel.
+    even
+        See :class:`PixelDraws`.
     """
     rows, columns = np.mgrid[roi.y : roi.y + roi.height, roi.x : roi.x + roi.width]
     x, y = columns.ravel().astype(np.uint16), rows.ravel().astype(np.uint16)
@@ -164,7 +176,7 @@ def build_chain(model: PixelModel, roi: Roi, sensor_seed: int) -> Chain:
         noise_rms=model.noise_rms,
         corner_hz=model.corner_hz,
     )
-    draws = PixelDraws(x, y, sensor_seed)
+    draws = PixelDraws(x, y, sensor_seed, even=even)
     for effect in model.effects:
         chain = effect.apply(chain, draws)
         chain = replace(chain, hooks=with_hooks(chain.hooks, effect))

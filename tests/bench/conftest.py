@@ -108,14 +108,16 @@ def make_step(number: int, added: str | None, error: float, candidates: tuple[Ca
 @pytest.fixture
 def explained() -> Outcome:
     """A diagnosis that found a dark current, which cannot be told from stray light."""
-    gone = 1800.0
     first = (
-        Candidate("dark_current", 1510.0, gone, 1e-5, ("stray_light",), 0.3),
-        Candidate("stray_light", 1508.0, gone - 1.0, 1e-5, (), 0.012),
-        Candidate("photoreceptor_bandwidth", 550.0, 710.0, 1e-5, (), None),
+        Candidate("dark_current", 30.2, 40.6, 1e-5, ("stray_light",), 0.3, 41.5),
+        Candidate("stray_light", 30.1, 40.5, 1e-5, (), 0.012, 41.4),
+        Candidate("photoreceptor_bandwidth", 11.0, 14.2, 1e-5, (), None, 13.1),
         Candidate("leak", 0.0, None, 1.0, (), 0.02),
     )
-    last = (Candidate("leak", 1.9, None, 0.74, (), 0.021), Candidate("comparator_delay", 0.4, None, 0.99, (), 1.2e-4))
+    last = (
+        Candidate("leak", 0.04, None, 0.74, (), 0.021),
+        Candidate("comparator_delay", 0.01, None, 0.99, (), 1.2e-4),
+    )
     return Outcome(
         runs=("2026-11-20-on-family",),
         findings=(),
@@ -136,5 +138,5 @@ def explained() -> Outcome:
 @pytest.fixture
 def nothing_missing() -> Outcome:
     """A diagnosis of a run that the model explains."""
-    last = (Candidate("leak", 1.9, None, 0.74, (), 0.021), Candidate("shot_noise", 0.0, None, 1.0, (), None))
+    last = (Candidate("leak", 0.04, None, 0.74, (), 0.021), Candidate("shot_noise", 0.0, None, 1.0, (), None))
     return Outcome(("a-run",), (), (make_step(0, None, 1.02, last),), "nothing_missing", (), {}, model=PixelModel())

@@ -145,7 +145,8 @@ class _Taken:
         point, model = frame.point, self._models[index]
         key = (id(model), point.roi, point.attributes.get("ambient"))
         if key not in self._chains:
-            self._chains[key] = point_chain(point, model, self._seed)
+            # A share of the pixels is expected, not drawn: of few hardly any may be hot, or twice as many.
+            self._chains[key] = point_chain(point, model, self._seed, even=True)
         return self._chains[key]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -15,10 +15,11 @@ from bench.diagnosis.expected.residuals import Measured, expectation, measured
 from bench.diagnosis.expected.same_law import representatives
 from bench.diagnosis.expected.start import Guess, guesses
 from bench.diagnosis.recorded.excerpt import ENOUGH_EVENTS
-from bench.diagnosis.recorded.outlying import outlying_rate_hz
+from bench.diagnosis.recorded.outlying import outlying_pixels
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import add, summarise
 from bench.diagnosis.views.registry import views
+from sim_backend.pixel.effects.hot_pixels import HotPixels
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -27,13 +28,14 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.expected.forward import Forward, Sensor
     from bench.diagnosis.expected.residuals import Expectation
+    from bench.diagnosis.recorded.outlying import Outlying
     from bench.diagnosis.recorded.summary import Label
     from bench.store.data import PointData
     from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Problem", "Slot", "settings_of"]
+__all__ = ["Known", "Problem", "Slot", "settings_of"]
 
 #: What may differ between settings of the camera; the noise is taken to be that of the pixel.
 _OF_A_SETTING: Final = frozenset({"thresholds", "source_follower_bandwidth", "refractory_period"})
@@ -43,6 +45,9 @@ _SENSORS: Final = 2
 #: Runs that are simulated of a model, at the least and at the most.
 _LEAST: Final = 0.0625
 _MOST: Final = 24.0
+
+#: What is read off the events moves by no more than about this share of how well it is known.
+_HELD: Final = 0.3
 
 #: Times are known no better than this beside the stimulus.
 _TIMING_S: Final = 1e-5
@@ -58,6 +63,13 @@ class Slot:
     def key(self, settings: int) -> str:
         """Return its name in results; the setting is named where there are several."""
         return self.free.key if self.setting is None or settings == 1 else f"{self.free.key}@{self.setting}"
+
+
+class Known(NamedTuple):
+    """A number that is read off the events: its coordinate, and how well that is known."""
+
+    at: float
+    sd: float
 
 
 def settings_of(points: Sequence[PointData]) -> list[int]:
@@ -82,16 +94,28 @@ def _blurred(labels: Sequence[Label], ratio: Floats, blur_s: float) -> tuple[Lab
     return tuple(found)
 
 
-def _by_eye(points: Sequence[PointData]) -> dict[str, dict[str, float]]:
+def _by_eye(points: Sequence[PointData], outlying: Outlying | None) -> dict[str, dict[str, float]]:
     """Return numbers of effects that show without a model."""
     found = {}
     ripples = [float(p.attributes["ripple_hz"]) for p in points if "ripple_hz" in p.attributes]
     if ripples:
         found["light_flicker"] = {"frequency_hz": ripples[0]}
-    outlying = outlying_rate_hz(points)
     if outlying is not None:
-        found["hot_pixels"] = {"rate_hz": outlying}
+        found[HotPixels.id] = {"rate_hz": outlying.rate_hz}
     return found
+
+
+def _counted(outlying: Outlying | None) -> dict[tuple[str, str], Known]:
+    """Return the numbers of hot pixels as their events let them be counted.
+
+    Simulated sensors have other pixels that are hot, and far fewer of these than would tell a share as well.
+    """
+    if outlying is None or not math.isfinite(outlying.fraction_sd):
+        return {}
+    return {
+        (HotPixels.id, "fraction"): Known(outlying.fraction, outlying.fraction_sd),
+        (HotPixels.id, "rate_hz"): Known(math.log(outlying.rate_hz), outlying.log_rate_sd),
+    }
 
 
 class Change(NamedTuple):
@@ -111,6 +135,7 @@ class Problem:
     setting: tuple[int, ...]  #: of each point
     timing_sd_s: float  #: how well the events' times are known beside those of the stimulus
     given: Mapping[str, Mapping[str, float]]  #: of effects: numbers that can be seen by eye
+    known: Mapping[tuple[str, str], Known] = field(default_factory=dict)  #: of numbers, by effect and name
     phases: tuple[float | None, ...] = ()  #: of a ripple in each recording, as far as they are known
     thrift: float = 1.0
     """Of all efforts: a run of more events than are enough takes no longer than one of so many. As much less of it is
@@ -132,9 +157,10 @@ class Problem:
         found = measured(seen)
         if blur_s > 0.0:
             found = replace(found, labels=_blurred(found.labels, found.ratio, blur_s))
-        timing_s = max(forward.dt_s, _TIMING_S)
+        timing_s, outlying = max(forward.dt_s, _TIMING_S), outlying_pixels(points)
         return cls(
-            tuple(points), forward, found, tuple(settings_of(points)), timing_s, _by_eye(points),
+            tuple(points), forward, found, tuple(settings_of(points)), timing_s, _by_eye(points, outlying),
+            _counted(outlying),
             thrift=min(1.0, ENOUGH_EVENTS / max(sum(events), 1)),
         )  # fmt: skip
 
@@ -154,7 +180,20 @@ class Problem:
 
     def slots_of(self, model: PixelModel) -> list[Slot]:
         """Return the free numbers of the base pixel, and of the effects that a model has."""
-        return [*self.base_slots(), *(Slot(f) for e in model.effects for f in numbers_of(e))]
+        return [*self.base_slots(), *(Slot(self.told(f)) for e in model.effects for f in numbers_of(e))]
+
+    def told(self, free: Free) -> Free:
+        """Return a number; one that is known from the events themselves is held there.
+
+        What a simulation says of it is less, and comes from the same events.
+        """
+        known = self.known.get((free.owner, free.name))
+        return free if known is None else replace(free, prior_sd=_HELD * known.sd)
+
+    def start_of(self, free: Free, coordinate: float) -> float:
+        """Return the coordinate to start from: what the events themselves tell, or another one."""
+        known = self.known.get((free.owner, free.name))
+        return coordinate if known is None else known.at
 
     def models(self, model: PixelModel, slots: Sequence[Slot], x: Sequence[float] | Floats) -> list[PixelModel]:
         """Return the model of each point."""
@@ -265,4 +304,5 @@ class Problem:
             else:
                 value = getattr(guessed[setting], slot.free.field)
             found.append(slot.free.coordinate(max(value, slot.free.lowest)))
-        return [*found, *(f.coordinate(getattr(e, f.field)) for e in model.effects for f in numbers_of(e))]
+        own = ((f, f.coordinate(getattr(e, f.field))) for e in model.effects for f in numbers_of(e))
+        return [*found, *(self.start_of(f, at) for f, at in own)]

@@ -9,6 +9,7 @@ Source: variances of a share, of a mean and of the standard deviation of n norma
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,17 +24,18 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["drawn_variance"]
+__all__ = ["drawn_variance", "is_share", "share_interval"]
 
-#: Variance of a number of an effect beside that of one pixel: of a share, and of a standard deviation.
+#: Variance of a number of an effect beside that of one pixel: of a standard deviation.
 _LAWS: Final[dict[tuple[str, str], Callable[[float], float]]] = {
-    ("hot_pixels", "fraction"): lambda share: share * (1.0 - share),
     ("threshold_mismatch", "sigma_on"): lambda sigma: 0.5 * sigma**2,
     ("threshold_mismatch", "sigma_off"): lambda sigma: 0.5 * sigma**2,
     ("refractory_mismatch", "spread"): lambda sigma: 0.5 * sigma**2,
     ("dark_current", "spread"): lambda sigma: 0.5 * sigma**2,
     ("leak", "spread"): lambda sigma: 0.5 * sigma**2,
 }
+#: Shares of the pixels: of few of them the law is not that of a normal number.
+_SHARES: Final = frozenset({("hot_pixels", "fraction")})
 #: Numbers that are means, or medians, the spread that makes them so, and whether that one is relative to them.
 _MEANS: Final[dict[tuple[str, str], tuple[tuple[str, str], bool]]] = {
     ("thresholds", "on"): (("threshold_mismatch", "sigma_on"), False),
@@ -58,6 +60,31 @@ def drawn_variance(slots: Sequence[Slot], x: Floats, pixels: int) -> Floats:
     spreads = {(slot.free.owner, slot.free.name): value for slot, value in zip(slots, values, strict=True)}
     each = [_of_a_pixel(slot.free, value, spreads) for slot, value in zip(slots, values, strict=True)]
     return np.array(each) / pixels
+
+
+def is_share(free: Free) -> bool:
+    """Return whether a number is a share of the pixels."""
+    return (free.owner, free.name) in _SHARES
+
+
+def share_interval(share: float, sd: float, pixels: int, z: float) -> tuple[float, float]:
+    """Return the shares from which a sensor's own is no more than `z` standard errors away.
+
+    Parameters
+    ----------
+    share, sd
+        Of this sensor, and how well that is known.
+    pixels
+        How many it has.
+
+    Notes
+    -----
+    It solves ``(p - share)^2 = z^2 (p (1 - p) / pixels + sd^2)``. Source: E. B. Wilson, "Probable inference, the law
+    of succession, and statistical inference", J. Am. Stat. Assoc. 22 (1927), for `sd` = 0.
+    """
+    a, b, c = 1.0 + z * z / pixels, share + 0.5 * z * z / pixels, share * share - (z * sd) ** 2
+    half = math.sqrt(max(b * b - a * c, 0.0))
+    return max((b - half) / a, 0.0), min((b + half) / a, 1.0)
 
 
 def _of_a_pixel(free: Free, value: float, spreads: Mapping[tuple[str, str], float]) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.fitting.drawn import drawn_variance
+from bench.diagnosis.fitting.drawn import drawn_variance, is_share, share_interval
 from bench.diagnosis.fitting.fitted import live, prior_precision, solve
 from bench.diagnosis.fitting.robust import loss
 from bench.diagnosis.result import Error, Misfit, Step, Value
@@ -193,12 +193,17 @@ def heldout(problem: Problem, one: Fit) -> float:
 
 def values_of(problem: Problem, one: Fit) -> dict[str, Value]:
     """Return the fitted numbers with 90 % intervals: those of sensors of this kind, of which this one was drawn."""
-    drawn = drawn_variance(one.slots, one.x, max(p.roi.pixels for p in problem.points))
+    pixels = max(p.roi.pixels for p in problem.points)
+    drawn = drawn_variance(one.slots, one.x, pixels)
     simulated = 0.0 if one.frozen is None else one.frozen
     sd = np.sqrt(np.diag(one.covariance(problem.measured.points)) + np.maximum(drawn - simulated, 0.0))
     found = {}
-    for slot, x, s in zip(one.slots, one.x, sd, strict=True):
-        outer = np.clip([x - _NINETY * s, x + _NINETY * s], *slot.free.range)
+    for slot, x, fitted_sd in zip(one.slots, one.x, sd, strict=True):
+        known = problem.known.get((slot.free.owner, slot.free.name))
+        s = float(fitted_sd) if known is None else known.sd
+        of_share = is_share(slot.free) and math.isfinite(s)
+        around = share_interval(x, s, pixels, _NINETY) if of_share else (x - _NINETY * s, x + _NINETY * s)
+        outer = np.clip(around, *slot.free.range)
         ends = sorted(slot.free.value(float(end)) for end in outer)
         found[slot.key(problem.settings)] = Value(slot.free.value(x), ends[0], ends[1], slot.free.unit)
     return found

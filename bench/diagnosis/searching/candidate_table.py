@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.fitting.judging import deviance, step_of
+from bench.diagnosis.fitting.judging import deviance, deviance_per_dof, freedom, heldout, loss_left, step_of
 from bench.diagnosis.result import Candidate
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
-    from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.result import Step
     from bench.diagnosis.searching.screen import Scores
     from bench.diagnosis.searching.state import State
@@ -23,29 +23,56 @@ __all__ = ["step_with_candidates"]
 _DETECTED: Final = 4.5
 
 
-def step_with_candidates(problem: Problem, state: State, number: int) -> Step:
-    """Return a state as a step of a diagnosis, with what it may lack: the most promising first."""
-    return step_of(problem, state.fit, number, state.added, list(_candidates(problem, state)))
+def step_with_candidates(state: State, number: int, ties: Mapping[str, tuple[str, ...]]) -> Step:
+    """Return a state as a step of a diagnosis, with what it may lack.
+
+    First comes what is proposed, then what was refitted, the largest fall of the error on unseen points first, then
+    what promises most.
+
+    Parameters
+    ----------
+    ties
+        Of the proposal: what it cannot be told from.
+    """
+    found = sorted(_candidates(state, ties), key=lambda c: (c.effect != state.proposal, *_rank(c)))
+    return step_of(state.problem, state.fit, number, state.added, found)
 
 
-def _candidates(problem: Problem, state: State) -> Iterator[Candidate]:
-    scores, before = state.scores, deviance(problem, state.fit)
+def _rank(one: Candidate) -> tuple[bool, float]:
+    drop = one.heldout_drop if one.heldout_drop is not None else one.refit_drop
+    return drop is None, -one.screen_drop if drop is None else -drop
+
+
+def _candidates(state: State, ties: Mapping[str, tuple[str, ...]]) -> Iterator[Candidate]:
+    problem, scores = state.problem, state.scores
+    before, unseen, n = deviance_per_dof(problem, state.fit), heldout(problem, state.fit), freedom(state.fit)
+    # The screen expects a fall of the loss, in which large residuals count by their size: as a share of what is left.
+    each = deviance(problem, state.fit) / loss_left(problem, state.fit) / n
     for i in np.argsort(-scores.drop, kind="stable"):
         name = scores.probes[i].effect.id
         found = state.refitted.get(name)
         yield Candidate(
             name,
-            float(scores.drop[i]),
-            before - found.deviance if found is not None else None,
+            float(scores.drop[i]) * each,
+            None if found is None else before - found.deviance / n,
             float(scores.p_best[i]),
-            state.tied if name == state.proposal else (),
+            ties.get(name, ()),
             _smallest(scores, int(i)),
+            None if found is None else _finite(unseen - heldout(found.beside(problem), found.fit)),
         )
 
 
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
 def _smallest(scores: Scores, i: int) -> float | None:
-    """Return the least size of an effect that would have been seen, in the unit of its first number."""
+    """Return the least size of an effect that would have been seen, in the unit of its first number.
+
+    None where it is beyond what such a number is believed to be: the effect cannot be seen.
+    """
     one, seen = scores.probes[i], float(scores.seen[i])
-    if seen <= 0.0 or one.free[0].scale == "inverse":
+    if seen <= 0.0:
         return None
-    return one.free[0].value(one.at[0] * _DETECTED / seen)
+    free, at = one.free[0], abs(one.at[0]) * _DETECTED / seen
+    return free.value(at) if at <= free.range[1] else None

@@ -75,16 +75,17 @@ def entrant(problem: Problem, here: Fit, scores: Scores, i: int, seed: int, far_
     for free, at, expected in zip(one.free, one.at, scores.size[i], strict=True):
         # From null itself no fit finds its way when the number has one sign only.
         start = expected if free.signed and expected != 0.0 else max(expected, 0.1 * at)
+        start = problem.start_of(free, start)
         coordinates.append(float(start))
         values[free.name] = free.value(float(start))
     for free in shapes:
         values[free.name] = given.get(free.name, free.probe)
-        coordinates.append(free.coordinate(values[free.name]))
+        coordinates.append(problem.start_of(free, free.coordinate(values[free.name])))
     elsewhere = np.where(known_beforehand(here.slots), here.start, here.x + scores.base[i])
     place = np.array([*(elsewhere if far_off else here.x), *coordinates])
     return Approach(
         model=here.model + probe_of(one.effect, values, given),
-        slots=(*here.slots, *(Slot(f) for f in (*one.free, *shapes))),
+        slots=(*here.slots, *(Slot(problem.told(f)) for f in (*one.free, *shapes))),
         at=place,
         start=np.array([*here.start, *coordinates]),
         loss=math.inf,

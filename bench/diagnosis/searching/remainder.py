@@ -17,12 +17,13 @@ if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.recorded.summary import Label
     from bench.diagnosis.searching.state import State
+    from bench.diagnosis.searching.trends import Trend
     from bench.store.data import PointData
 
 __all__ = ["remainder_of"]
 
 _SHOWN: Final = 6
-#: Groups whose squares are larger than chance by fewer standard deviations are not named.
+#: Groups whose squares are larger than chance by fewer standard deviations are not named, but for the clearest.
 _CLEAR: Final = 4.0
 
 _OF_POINTS: Final[dict[str, Callable[[PointData], str]]] = {
@@ -35,10 +36,15 @@ _OF_POINTS: Final[dict[str, Callable[[PointData], str]]] = {
     ),
     "nd_od": lambda p: f"{p.nd_od:g}",
 }
-_OF_STATISTICS: Final[dict[str, Callable[[Label], str]]] = {
-    "view": lambda label: label.view,
+_OF_STATISTICS: Final[dict[str, Callable[[Label], str | None]]] = {
+    "view": lambda label: None if _is_of_time(label.view) else label.view,
     "polarity": lambda label: label.part,
+    "time": lambda label: "second half" if _is_of_time(label.view) else None,
 }
+
+
+def _is_of_time(view: str) -> bool:
+    return view.endswith("halves")
 
 
 def remainder_of(problem: Problem, state: State) -> tuple[Remainder, ...]:
@@ -47,7 +53,7 @@ def remainder_of(problem: Problem, state: State) -> tuple[Remainder, ...]:
     The size is the rms of the residuals in standard errors; of a trend, that of its part in them.
     """
     one = state.fit
-    found = [Remainder(t.axis, t.where, t.size, abs(t.z)) for t in state.trends]
+    found = [_of_trend(t) for t in state.trends]
     for axis, name in _OF_POINTS.items():
         squares: dict[str, list[float]] = {}
         for point, where, root in zip(problem.points, problem.measured.points, one.roots, strict=True):
@@ -58,10 +64,20 @@ def remainder_of(problem: Problem, state: State) -> tuple[Remainder, ...]:
     for axis, of in _OF_STATISTICS.items():
         squares = {}
         for i in np.flatnonzero(one.known):
-            squares.setdefault(of(problem.measured.labels[i]), []).append(float(z[i] ** 2))
+            place = of(problem.measured.labels[i])
+            if place is not None:
+                squares.setdefault(place, []).append(float(z[i] ** 2))
         found += [_group(axis, where, values) for where, values in squares.items()]
+    found.sort(key=lambda r: -r.z)
     clear = [r for r in found if r.z > _CLEAR]  # trends are
-    return tuple(sorted(clear, key=lambda r: -r.z)[:_SHOWN])
+    return tuple(clear[:_SHOWN] or found[:1])
+
+
+def _of_trend(one: Trend) -> Remainder:
+    """Return a trend; a view that is the second half of a recording less the first is told as what it is."""
+    of_time = one.axis == "view" and _is_of_time(one.where.split()[0])
+    axis, where = ("time", "second half") if of_time else (one.axis, one.where)
+    return Remainder(axis, where, one.size, abs(one.z))
 
 
 def _group(axis: str, where: str, squares: list[float]) -> Remainder:

@@ -38,8 +38,8 @@ class Stepwise(Protocol):
     def undo(self) -> Step:
         """Go back by one step."""
 
-    def outcome(self) -> Outcome:
-        """Return what was found so far."""
+    def outcome(self, *, measure_next: bool = True) -> Outcome:
+        """Return what was found so far, with what to measure next, which takes a while."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ def _unknown(name: str, known: Sequence[str]) -> str:
 def _show_step(diagnosis: Stepwise, show: Callable[[str], None], place: Callable[[int], Place | None]) -> None:
     proposal = diagnosis.proposal  # the best candidates are refitted for it, so that the table can show them
     step = diagnosis.steps[-1]
-    for line in step_lines(step, place(step.number), gain_of(diagnosis.outcome()), numbered=True):
+    for line in step_lines(step, place(step.number), gain_of(diagnosis.outcome(measure_next=False)), numbered=True):
         show(line)
     if proposal is None:
         show("nothing more is significant")

@@ -41,10 +41,13 @@ def quantity(value: float, unit: str) -> str:
 
 
 def size_text(effect: str, size: float) -> str:
-    """Return a size of an effect, in the unit of its first number."""
+    """Return a size of an effect, in the unit of its first number; a limit does more the lower it is."""
     known = effects().get(effect)
     free = free_of(known) if known is not None else ()
-    return f"{quantity(size, free[0].unit)} ({free[0].name})" if free else f"{size:.3g}"
+    if not free:
+        return f"{size:.3g}"
+    below = " or less" if free[0].scale == "inverse" else ""
+    return f"{quantity(size, free[0].unit)}{below} ({free[0].name})"
 
 
 def also(key: str, value: Value, gain_fa_per_lux: float | None) -> str | None:

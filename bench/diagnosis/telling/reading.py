@@ -43,17 +43,20 @@ def read_outcome(path: Path) -> Outcome:
 
 
 def _outcome(content: Mapping[str, Any]) -> Outcome:
+    quality = content["data_quality"]
+    told = tuple(quality["findings"])
     return Outcome(
         runs=tuple(content["runs"]),
-        findings=tuple(content["data_quality"]["findings"]),
+        findings=() if quality["ok"] else told,
         steps=tuple(_step(s) for s in content["steps"]),
         verdict=content["verdict"],
         missing=tuple(content["missing"]),
         ties={key: tuple(names) for key, names in content["ties"].items()},
         remainder=tuple(Remainder(**_numbers(r, "size", "z")) for r in content["remainder"]),
         next_measurement=content["next_measurement"],
-        shortened=content["data_quality"].get("looked_at", ""),
+        shortened=quality.get("looked_at", ""),
         stopped=bool(content.get("stopped", False)),
+        cautions=told if quality["ok"] else (),
     )
 
 

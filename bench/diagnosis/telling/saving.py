@@ -68,7 +68,7 @@ def comparison_dict(comparison: Comparison, patterns: Sequence[Pattern]) -> dict
     return {
         "format": COMPARISON_FORMAT,
         "runs": list(comparison.runs),
-        "data_quality": quality_dict(comparison.findings, comparison.shortened),
+        "data_quality": quality_dict(comparison.findings, comparison.shortened, comparison.cautions),
         "noise_floor": 1.0,
         "effects": step["effects"],
         "error": step["error"],

@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "apart_line",
+    "blind",
     "change_text",
     "comparison_lines",
     "end_lines",
     "fall_line",
+    "fall_text",
     "gain_of",
     "head_line",
     "lines_of",
@@ -39,6 +41,7 @@ __all__ = [
 ]
 
 _SHOWN: Final = 5
+_HEADS: Final = "expected fall   after refit   on unseen points   p"
 _SMALLEST_P: Final = 0.001
 _INDENT: Final = " " * 8
 #: Where the error begins in the first line of a step, if there is room.
@@ -163,11 +166,11 @@ def error_text(error: Error) -> str:
 
 
 def _candidates(candidates: Sequence[Candidate]) -> Iterator[str]:
-    shown = [c for c in candidates if c.screen_drop > 0.0][:_SHOWN]
+    shown = [c for c in candidates if c.screen_drop > 0.0 or c.refit_drop is not None][:_SHOWN]
     if not shown:
         return
     width = max(9, *(len(c.effect) for c in shown))
-    yield f"{_INDENT}{'candidate':{width}}  expected fall   after refit   p"
+    yield f"{_INDENT}{'candidate':{width}}  {_HEADS}"
     for one in shown:
         yield f"{_INDENT}{_row(one, width)}"
 
@@ -176,15 +179,20 @@ def _numbered(candidates: Sequence[Candidate]) -> Iterator[str]:
     if not candidates:
         return
     width = max(9, *(len(c.effect) for c in candidates))
-    yield f"{_INDENT}    {'candidate':{width}}  expected fall   after refit   p"
+    yield f"{_INDENT}    {'candidate':{width}}  {_HEADS}"
     for number, one in enumerate(candidates, start=1):
         yield f"{_INDENT}{number:2}  {_row(one, width)}"
 
 
 def _row(one: Candidate, width: int) -> str:
-    refit = "-" if one.refit_drop is None or not math.isfinite(one.refit_drop) else f"{one.refit_drop:.1f}"
     tied = f"   cannot be told from {_listed(one.tied_with, 'or')} here" if one.tied_with else ""
-    return f"{one.effect:{width}}  {one.screen_drop:13.1f}   {refit:>11}   {p_text(one.p_value):7}{tied}".rstrip()
+    falls = f"{fall_text(one.screen_drop):>13}   {fall_text(one.refit_drop):>11}   {fall_text(one.heldout_drop):>16}"
+    return f"{one.effect:{width}}  {falls}   {p_text(one.p_value):7}{tied}".rstrip()
+
+
+def fall_text(fall: float | None) -> str:
+    """Return by how much an error would fall, or a dash where that is not known."""
+    return "-" if fall is None or not math.isfinite(fall) else significant(fall)
 
 
 def p_text(p_value: float) -> str:
@@ -289,10 +297,13 @@ def with_ties(outcome: Outcome, name: str) -> str:
 
 
 def apart_line(outcome: Outcome) -> str | None:
-    """Return what to measure next, or None where that is not known."""
+    """Return what to measure next, that nothing known would help, or None where there is nothing to tell apart."""
     following = outcome.next_measurement
-    if not following:
+    if following is None:
         return None
+    if not following:
+        groups = "; ".join(_listed([name, *tied]) for name, tied in outcome.ties.items())
+        return f"no protocol that is known here tells {groups} apart" if groups else None
     names = list(following.get("separates", ()))
     which = f"the {_SMALL_NUMBERS.get(len(names), str(len(names)))}" if names else "them"
     parts = [str(following.get("title") or following.get("protocol"))]
@@ -329,10 +340,16 @@ def smallest_lines(outcome: Outcome) -> Iterator[str]:
         width = max(len(effect) for effect, _ in sizes)
         for effect, size in sizes:
             yield f"{_INDENT}{effect:{width}}  {size}"
-    told = {effect for effect, _ in sizes}
-    blind = sorted(c.effect for c in outcome.steps[-1].candidates if c.effect not in told)
-    if blind:
-        yield f"not to be seen in these data, or not told from which size on: {_listed(blind)}"
+    unseen = blind(outcome)
+    if unseen:
+        yield f"not to be seen in these data at any size: {_listed(unseen)}"
+
+
+def blind(outcome: Outcome) -> list[str]:
+    """Return the effects that would not have been seen beside the last step's model, however large they are."""
+    told = {effect for effect, _ in smallest(outcome)}
+    candidates = outcome.steps[-1].candidates if outcome.steps else ()
+    return sorted(c.effect for c in candidates if c.effect not in told)
 
 
 def comparison_lines(comparison: Comparison, places: Sequence[Place], found: Sequence[Pattern]) -> Iterator[str]:

@@ -1,8 +1,10 @@
-"""The views that there are: the built-in ones, and those of files that were named."""
+"""The views that there are: the built-in ones, those of installed plug-ins, and those of files that were named."""
 
 from __future__ import annotations
 
-from functools import partial
+import inspect
+from functools import cache, partial
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -15,22 +17,24 @@ from bench.diagnosis.views.background import (
     Regularity,
     SamePolarity,
 )
+from bench.diagnosis.views.base import View
 from bench.diagnosis.views.latency import Latency, LatencySpread, SecondEvent
 from bench.diagnosis.views.locked import Locked, LockedAcross
 from bench.diagnosis.views.response import ExtraEvents, OtherPolarity, Response
 from bench.diagnosis.views.scatter import CommonMode, Halves, PixelSpread, Succession
-from bench.diagnosis.views.user_file import read_view_file
+from bench.diagnosis.views.user_file import ViewSource, own_view, read_view_file
 from protocols.errors import InputError
 from protocols.user_module import sha256_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from importlib.metadata import EntryPoint
 
-    from bench.diagnosis.views.base import View
-    from bench.diagnosis.views.user_file import ViewSource
+__all__ = ["GROUP", "VIEWS", "forget_view_files", "load_same_view_files", "load_view_files", "same_views", "views"]
 
-__all__ = ["VIEWS", "forget_view_files", "load_same_view_files", "load_view_files", "same_views", "views"]
+#: Entry-point group of views that other distributions bring.
+GROUP: Final = "evs_bench.views"
 
 VIEWS: Final[tuple[View, ...]] = (
     Response(),
@@ -60,8 +64,15 @@ _FILES: Final[dict[Path, ViewSource]] = {}
 
 
 def views() -> tuple[View, ...]:
-    """Return all views: the built-in ones, then those of a user's files."""
-    return (*VIEWS, *(view for source in _FILES.values() for view in source.views))
+    """Return all views: the built-in ones, those of installed plug-ins, then those of a user's files.
+
+    Raises
+    ------
+    InputError
+        A plug-in cannot be imported, brings something that is no view, or an id that is taken.
+    """
+    sources = (*_plug_ins(), *_FILES.values())
+    return (*VIEWS, *(view for source in sources for view in source.views))
 
 
 def load_view_files(paths: Iterable[str | os.PathLike[str]]) -> None:
@@ -77,17 +88,50 @@ def load_view_files(paths: Iterable[str | os.PathLike[str]]) -> None:
         if where in _FILES and where.is_file() and sha256_of(where) == _FILES[where].sha256:
             continue
         found = read_view_file(path)
-        taken = {view.id: "a built-in view" for view in VIEWS}
-        taken |= {v.id: str(known) for known, source in _FILES.items() if known != where for v in source.views}
-        for view in found.views:
-            if view.id in taken:
-                raise InputError(f"{path}: the id {view.id} is taken ({taken[view.id]}); choose another")
-            taken[view.id] = "the same file"
+        others = {view.id: "a built-in view" for view in VIEWS}
+        others |= {view.id: f"of {source.package}" for source in _plug_ins() for view in source.views}
+        others |= {v.id: str(known) for known, source in _FILES.items() if known != where for v in source.views}
+        _refuse_taken(f"{path}", found.views, others)
         _FILES[where] = found
 
 
+def _refuse_taken(owner: str, found: Iterable[View], others: Mapping[str, str]) -> None:
+    taken = dict(others)
+    for view in found:
+        if view.id in taken:
+            raise InputError(f"{owner}: the id {view.id} is taken ({taken[view.id]}); choose another")
+        taken[view.id] = "the same file"
+
+
+@cache
+def _plug_ins() -> tuple[ViewSource, ...]:
+    """Return the views of installed plug-ins. Each process finds them by itself."""
+    taken = {view.id: "a built-in view" for view in VIEWS}
+    found = []
+    for point in entry_points(group=GROUP):
+        source = _plug_in(point)
+        _refuse_taken(f"plug-in {point.name} ({point.value})", source.views, taken)
+        taken |= {view.id: f"of {source.package}" for view in source.views}
+        found.append(source)
+    return tuple(found)
+
+
+def _plug_in(point: EntryPoint) -> ViewSource:
+    owner = f"plug-in {point.name} ({point.value})"
+    try:
+        cls = point.load()
+    except (ImportError, AttributeError) as error:
+        raise InputError(f"{owner}: cannot be imported: {error}") from error
+    if not (isinstance(cls, type) and issubclass(cls, View)):
+        raise InputError(f"{owner}: expected a class derived from View")
+    file = inspect.getsourcefile(cls)
+    view = own_view(cls, owner, file or owner)
+    package = f"{point.dist.name} {point.dist.version}" if point.dist else point.value.partition(":")[0]
+    return ViewSource(file or "", sha256_of(Path(file)) if file else "", (view,), package)
+
+
 def forget_view_files() -> None:
-    """Look with the built-in views alone again."""
+    """Look without the views of files again."""
     _FILES.clear()
 
 

@@ -1,4 +1,4 @@
-"""Views of a user's own: loading the file that was named, and looking with what is in it."""
+"""Views of a user's own: loading the file that was named, and looking with what is in it or in a plug-in."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.recorded.recording import Recording
 
-__all__ = ["ViewSource", "read_view_file"]
+__all__ = ["ViewSource", "own_view", "read_view_file"]
 
 _ID: Final = re.compile(r"[a-z][a-z0-9_]*")
 
@@ -68,11 +68,12 @@ class _Own(View):
 
 @dataclass(frozen=True, slots=True)
 class ViewSource:
-    """A file with views."""
+    """Where views came from that are not built in: a file, or a plug-in."""
 
-    path: str  #: in full
-    sha256: str
+    path: str  #: of the file, in full; of a plug-in, of the file that holds the class, or empty
+    sha256: str  #: of that file; empty without one
     views: tuple[View, ...]
+    package: str = ""  #: name and version of the package that brings a plug-in
 
 
 def read_view_file(path: str | os.PathLike[str]) -> ViewSource:
@@ -88,9 +89,27 @@ def read_view_file(path: str | os.PathLike[str]) -> ViewSource:
     classes = classes_of(module, View)
     if not classes:
         raise InputError(Problem("has no view in it; expected a class derived from View", source))
-    views = tuple(_Own(_made(cls, place_of(cls, source)), source) for cls in classes)
+    views = tuple(own_view(cls, place_of(cls, source), source) for cls in classes)
     where = Path(path).resolve()
     return ViewSource(str(where), sha256_of(where), views)
+
+
+def own_view(cls: type[View], place: str, source: str) -> View:
+    """Return a view of a class; what goes wrong when it looks is told in one line.
+
+    Parameters
+    ----------
+    place
+        Where the class stands, for what is wrong with it.
+    source
+        The file of the class, or another name where there is none, for what goes wrong later.
+
+    Raises
+    ------
+    InputError
+        The class cannot be used as a view.
+    """
+    return _Own(_made(cls, place), source)
 
 
 def _made(cls: type[View], place: str) -> View:

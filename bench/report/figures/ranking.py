@@ -21,7 +21,10 @@ __all__ = ["RankingNumbers", "Ranks", "draw", "prepare"]
 _MOST: Final = 8
 _COLUMNS: Final = 2
 _SMALL_P: Final = 0.01
+#: Where the axis begins, of the largest fall; and of what is hardly one.
 _LOWEST: Final = 0.5
+_LEAST: Final = 0.01
+_RANGE: Final = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +33,7 @@ class Ranks:
 
     title: str
     effects: tuple[str, ...]
-    expected: npt.NDArray[np.float64]  #: (n,) fall of the deviance, without a refit
+    expected: npt.NDArray[np.float64]  #: (n,) fall of the error, without a refit
     found: npt.NDArray[np.float64]  #: (n,) after a refit; NaN where there was none
     p_value: npt.NDArray[np.float64]
     added: str | None  #: which of them was added
@@ -76,8 +79,9 @@ def draw(numbers: RankingNumbers) -> Figure:
     figure = style.new_figure((0.8 + 0.25 * most) * rows + 0.4)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     top = max(float(np.nanmax(np.concatenate([r.expected, r.found]))) for r in numbers.steps)
+    low = min(_LOWEST, max(top, _LEAST) / _RANGE)
     for ax, ranks in zip(axes, numbers.steps, strict=False):
-        _draw_ranks(ax, ranks, top, most)
+        _draw_ranks(ax, ranks, low, top, most)
     for ax in axes[len(numbers.steps) :]:
         ax.set_visible(False)
     looks = [
@@ -89,13 +93,13 @@ def draw(numbers: RankingNumbers) -> Figure:
     return figure
 
 
-def _draw_ranks(ax: Axes, ranks: Ranks, top: float, rows: int) -> None:
+def _draw_ranks(ax: Axes, ranks: Ranks, low: float, top: float, rows: int) -> None:
     y = np.arange(len(ranks.effects))
     colours = [style.POLARITY_COLOURS["on"] if e == ranks.added else style.MUTED for e in ranks.effects]
-    ax.barh(y, np.maximum(np.nan_to_num(ranks.found), _LOWEST), height=0.62, color=colours, alpha=0.85)
-    ax.barh(y, np.maximum(ranks.expected, _LOWEST), height=0.62, facecolor="none", edgecolor=style.INK, linewidth=0.9)
+    ax.barh(y, np.maximum(np.nan_to_num(ranks.found), low), height=0.62, color=colours, alpha=0.85)
+    ax.barh(y, np.maximum(ranks.expected, low), height=0.62, facecolor="none", edgecolor=style.INK, linewidth=0.9)
     ax.set_xscale("log")
-    ax.set_xlim(_LOWEST, max(30.0, 100.0 * top))
+    ax.set_xlim(low, max(60.0 * low, 100.0 * top))
     ax.minorticks_off()
     for place, effect, drop, p in zip(
         y, ranks.effects, np.fmax(ranks.expected, ranks.found), ranks.p_value, strict=True
@@ -103,8 +107,8 @@ def _draw_ranks(ax: Axes, ranks: Ranks, top: float, rows: int) -> None:
         note = "p < 0.001" if p < 0.001 else f"p {p:.2g}"
         note += ", tied" if effect in ranks.tied else ""
         colour = style.INK if p < _SMALL_P else style.MUTED
-        ax.text(max(drop, _LOWEST) * 1.15, float(place), note, va="center", fontsize=7.5, color=colour)
+        ax.text(max(drop, low) * 1.15, float(place), note, va="center", fontsize=7.5, color=colour)
     ax.set_yticks(y, ranks.effects)
     ax.set_ylim(rows - 0.4, -0.6)
     ax.set_title(ranks.title, loc="left")
-    ax.set_xlabel("fall of the deviance")
+    ax.set_xlabel("fall of the error, deviance per degree of freedom")

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 
 from bench import cli
 from bench.commands.diagnose import command
+from bench.diagnosis.telling.reading import read_outcome
 from protocols.errors import InputError
 from sim_backend.pixel import read_model_file
 
@@ -45,6 +46,7 @@ class Stub:
         options["tell"]("fitting the model")
         self.findings = self.found.findings
         self.shortened = "the beginning of 1 of 2 recordings: 3 of 10 s"
+        self.cautions = self.found.cautions
         self.problem, self.fits = None, ()
         self._steps: tuple[Step, ...] = self.found.steps[:1]
         self.begun = True
@@ -246,6 +248,40 @@ def test_data_that_are_not_fit_have_a_verdict_and_no_steps(diagnose: Callable[..
     done = diagnose()
     assert "not fit to judge" in done.stdout
     assert done.stdout.endswith("verdict: the data are not fit to be judged: too few events\n")
+    assert "the reasons are in " in done.stderr
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_by_hand_data_that_are_not_fit_are_looked_at_and_nothing_but_the_reasons_is_written(
+    diagnose: Callable[..., Any], tmp_path: Path, explained: Outcome, options: tuple[str, ...]
+) -> None:
+    diagnose()
+    assert (tmp_path / "diagnosis/model.yaml").exists()
+    Stub.found = replace(explained, findings=("too few events",), verdict="data_not_fit_to_judge")
+    done = diagnose("--interactive", *options, input="\nq\n")
+    told = done.stderr if options else done.stdout
+    assert "not fit to judge: too few events\n" in told
+    assert "step 1  + dark_current" in told
+    left = {p.name for p in (tmp_path / "diagnosis").rglob("*") if p.is_file()}
+    assert left == {"diagnosis.json", "diagnosis.html"}
+    written = json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())
+    assert (written["verdict"], written["steps"], written["missing"]) == ("data_not_fit_to_judge", [], [])
+    assert written["data_quality"] == {"ok": False, "findings": ["too few events"]}
+    assert not options or json.loads(done.stdout) == written
+
+
+@pytest.mark.parametrize("options", [(), ("--interactive",)])
+def test_what_is_to_be_known_of_data_that_are_fit_is_told_above(
+    diagnose: Callable[..., Any], tmp_path: Path, explained: Outcome, options: tuple[str, ...]
+) -> None:
+    Stub.found = replace(explained, cautions=("the readout was the limit",))
+    lines = diagnose(*options, input="q\n").stdout.splitlines()
+    assert "fit to judge, but the readout was the limit" in lines[:2]
+    assert "not fit to judge" not in lines[0]
+    written = json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())
+    assert written["data_quality"] == {"ok": True, "findings": ["the readout was the limit"]}
+    read = read_outcome(tmp_path / "diagnosis/diagnosis.json")
+    assert (read.findings, read.cautions) == ((), ("the readout was the limit",))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,7 +42,7 @@ def test_the_true_model_is_not_far_off(comparison: Comparison, told: list[str]) 
     assert 40 < z.size < 150
     assert 0.3 < np.mean(z**2) < 2.0
     assert comparison.step.error.response_rmse < 0.1
-    assert comparison.findings == ()
+    assert (comparison.findings, comparison.cautions) == ((), ())
 
 
 def test_what_was_measured_is_in_the_residuals_with_its_error(comparison: Comparison) -> None:
@@ -77,6 +78,29 @@ def test_a_comparison_goes_into_files_and_words(comparison: Comparison, tmp_path
     assert text.startswith("thresholds, noise floor, source follower bandwidth, refractory period   error ")
     assert "no statistic is off by more than chance" in text
     assert "        thresholds.on " in text
+
+
+def test_what_is_to_be_known_stands_with_data_that_are_fit(comparison: Comparison) -> None:
+    def quality(**changes: Any) -> dict[str, Any]:
+        found: dict[str, Any] = comparison_dict(replace(comparison, **changes), ())["data_quality"]
+        return found
+
+    assert quality() == {"ok": True, "findings": []}
+    assert quality(cautions=("the readout",)) == {"ok": True, "findings": ["the readout"]}
+    assert quality(findings=("3 events",)) == {"ok": False, "findings": ["3 events"]}
+
+
+def test_data_that_are_not_fit_are_compared_all_the_same(
+    make: tuple[Callable[..., Any], Callable[..., Any]],
+) -> None:
+    point, run_of = make
+    lossy = point(0, 0.6, periods=4, quality={"overflows": 3})
+    comparison = compare([run_of([lossy], PIXEL, 3)], PIXEL, seed=4)
+    assert comparison.findings == ("events were lost on the way, nobody knows when, in 1 of 1 points",)
+    assert comparison.residuals
+    lines = list(comparison_lines(comparison, (), ()))
+    assert lines[0] == f"not fit to judge: {comparison.findings[0]}"
+    assert lines[1].startswith("thresholds, ")
 
 
 def test_patterns_of_a_simulated_sensor_are_chance(make: tuple[Callable[..., Any], Callable[..., Any]]) -> None:

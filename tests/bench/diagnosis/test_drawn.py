@@ -10,7 +10,7 @@ import pytest
 from bench.diagnosis.expected.catalogue import details_of, free_of
 from bench.diagnosis.expected.parameters import base_parameters
 from bench.diagnosis.expected.problem import Slot
-from bench.diagnosis.fitting.drawn import drawn_variance
+from bench.diagnosis.fitting.drawn import drawn_variance, is_share, share_interval
 from sim_backend.pixel.effects.registry import effects
 
 if TYPE_CHECKING:
@@ -48,10 +48,6 @@ def numbers(*ids: str) -> tuple[list[Slot], Floats]:
     return [Slot(f) for f in free], np.array([f.coordinate(KNOWN[f.key]) for f in free])
 
 
-def share(rng: np.random.Generator) -> Floats:
-    return np.asarray(np.mean(rng.random((SENSORS, PIXELS)) < 0.04, axis=1))
-
-
 def spread_on(rng: np.random.Generator) -> Floats:
     return np.asarray(np.std(0.03 * rng.standard_normal((SENSORS, PIXELS)), axis=1, ddof=1))
 
@@ -79,7 +75,6 @@ def spread_of_leak(rng: np.random.Generator) -> Floats:
 @pytest.mark.parametrize(
     ("key", "drawn"),
     [
-        ("hot_pixels.fraction", share),
         ("threshold_mismatch.sigma_on", spread_on),
         ("thresholds.off", mean_off),
         ("refractory_period.period_s", dead_time_s),
@@ -101,4 +96,25 @@ def test_what_is_the_same_in_all_pixels_is_the_same_in_all_sensors() -> None:
     assert not drawn_variance(slots, x, PIXELS).any()
     slots, x = numbers("hot_pixels")
     found = dict(zip((s.free.key for s in slots), drawn_variance(slots, x, PIXELS), strict=True))
-    assert [key for key, variance in found.items() if variance > 0.0] == ["hot_pixels.fraction"]
+    assert not any(found.values())  # a share is no normal number: see below
+
+
+def test_a_share_lies_within_its_interval_as_often_as_it_says() -> None:
+    """Nine of ten sensors, of whatever share: the law of Wilson's intervals, which is discrete."""
+    rng = np.random.default_rng(4)
+    for law, sd in ((0.01, 0.0), (0.04, 0.0), (0.04, 0.01)):
+        own = np.mean(rng.random((SENSORS, PIXELS)) < law, axis=1) + sd * rng.standard_normal(SENSORS)
+        ends = [share_interval(max(float(one), 0.0), sd, PIXELS, 1.6449) for one in own]
+        inside = np.mean([low <= law <= high for low, high in ends])
+        assert 0.87 < inside < 0.96
+
+
+def test_one_hot_pixel_may_stand_for_five() -> None:
+    """Of 256 pixels one is hot: Wilson's 90 % interval, by hand."""
+    low, high = share_interval(1 / 256, 0.0, 256, 1.6449)
+    z2 = 1.6449**2 / 256
+    middle, half = (1 / 256 + z2 / 2) / (1 + z2), np.sqrt(z2 * (1 / 256 * 255 / 256 + z2 / 4)) / (1 + z2)
+    assert (low, high) == pytest.approx((middle - half, middle + half))
+    assert 4.0 < 256 * high < 5.0
+    slots, _ = numbers("hot_pixels")
+    assert [s.free.key for s in slots if is_share(s.free)] == ["hot_pixels.fraction"]

@@ -42,7 +42,7 @@ class Stub:
         self.steps = self.steps[:-1]
         return self.steps[-1]
 
-    def outcome(self) -> Outcome:
+    def outcome(self, *, measure_next: bool = True) -> Outcome:
         missing = tuple(s.added for s in self.steps if s.added is not None)
         verdict = "explained" if missing else "unexplained"
         return replace(self._outcome, steps=self.steps, missing=missing, verdict=verdict)  # type: ignore[arg-type]

@@ -5,21 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 from bench.diagnosis.expected.catalogue import switches
 from bench.diagnosis.expected.parameters import Free, base_parameters
-from bench.diagnosis.expected.problem import Slot
+from bench.diagnosis.expected.problem import Known, Problem, Slot
 from bench.diagnosis.fitting.approach import Approach
 from bench.diagnosis.fitting.cloud import Cloud, Place
 from bench.diagnosis.fitting.probe import Probe
 from bench.diagnosis.searching import race as module
 from bench.diagnosis.searching.race import near_by, race
 from sim_backend.pixel import PixelModel
-from sim_backend.pixel.effects import DarkCurrent, Leak, LowFrequencyNoise, StrayLight
+from sim_backend.pixel.effects import DarkCurrent, HotPixels, Leak, LowFrequencyNoise, StrayLight
 
 STATISTICS = 100
 
@@ -158,12 +158,39 @@ def test_what_is_known_beforehand_starts_where_it_is_known_to_be() -> None:
     here: Any = SimpleNamespace(model=PixelModel(), slots=slots, x=moved, start=start)
     probe = Probe(Leak, switches(Leak), (0.05,), np.zeros((2, 1, 1)))
     scores: Any = SimpleNamespace(probes=[probe], size=[np.array([0.02])], base=[np.full(len(slots), 0.2)])
-    problem: Any = SimpleNamespace(given={})
+    problem: Any = Told({})
     at = module.entrant(problem, here, scores, 0, seed=1, far_off=True).at
     known = [f.owner == "refractory_period" for f in frees]
     assert at[:-1] == pytest.approx(np.where(known, start, moved + 0.2))
     near = module.entrant(problem, here, scores, 0, seed=1, far_off=False).at
     assert near[:-1] == pytest.approx(moved)
+
+
+class Told:
+    """What the events themselves tell of a run."""
+
+    given: ClassVar = {HotPixels.id: {"rate_hz": 3.0}}
+    told, start_of = Problem.told, Problem.start_of
+
+    def __init__(self, known: dict[tuple[str, str], Known]) -> None:
+        self.known = known
+
+
+def test_hot_pixels_that_were_counted_start_with_their_number_whatever_the_screen_expects() -> None:
+    """The screen knows of those that were simulated alone."""
+    here: Any = SimpleNamespace(model=PixelModel(), slots=(), x=np.zeros(0), start=np.zeros(0))
+    probe = Probe(HotPixels, switches(HotPixels), (0.06,), np.zeros((2, 1, 1)))
+    scores: Any = SimpleNamespace(probes=[probe], size=[np.array([0.1])], base=[np.zeros(0)])
+    counted = {(HotPixels.id, "fraction"): Known(0.03, 0.001), (HotPixels.id, "rate_hz"): Known(1.0, 0.1)}
+    problem: Any = Told(counted)
+    one = module.entrant(problem, here, scores, 0, seed=1, far_off=True)
+    assert (one.at == one.start).all()
+    assert one.at.tolist() == [0.03, 1.0]
+    assert [s.free.prior_sd for s in one.slots] == pytest.approx([0.0003, 0.03])
+    problem = Told({})
+    one = module.entrant(problem, here, scores, 0, seed=1, far_off=True)
+    assert one.at == pytest.approx([0.1, np.log(3.0)])
+    assert all(np.isinf(s.free.prior_sd) for s in one.slots)
 
 
 @pytest.mark.parametrize(("fell", "ends_at"), [(50.0, 0.3), (70.0, 0.03)])

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bench.diagnosis.expected.parameters import Free
+from bench.diagnosis.expected.parameters import Free, time_offset
 from bench.diagnosis.expected.problem import Slot
 from bench.diagnosis.fitting.slopes import Sample, slopes
 from bench.diagnosis.fitting.steps import inside
@@ -93,3 +93,19 @@ def test_where_nothing_is_said_here_a_silent_side_is_as_the_others() -> None:
     problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=())))
     found = slopes(problem, _SLOTS, at, here, samples, directions)
     np.testing.assert_allclose(found, np.zeros((2, 3, 2)), atol=1e-9)
+
+
+def test_a_delay_does_to_latencies_what_the_clock_does_and_nothing_else() -> None:
+    """What samples show of it besides is chance: it would tell a delay from the clock."""
+    delay = Slot(Free("comparator_delay", "delay_s", "delay_s", "s", "linear", 0.0, 0.05, 2e-4))
+    labels = [SimpleNamespace(view=view, group=0) for view in ("response", "latency", "background")]
+    here = cast("Any", Here(np.array([0.5, np.log(1e-3), 2.0])))
+    here.ratio = here.value
+    slots, at = (delay, Slot(time_offset(1e-5))), np.array([8e-5, 0.0])
+    directions = np.array([[5e-5], [0.0]])
+    rng = np.random.default_rng(1)
+    places = [at + sign * directions[:, 0] for sign in (1.0, -1.0)]
+    samples = [Sample(x, here.value + 0.1 * rng.standard_normal((2, 3)), 100.0, 0) for x in places]
+    problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=labels)))
+    found = slopes(problem, slots, at, here, samples, directions)
+    np.testing.assert_allclose(found, np.tile(np.array([[0.0, 0.0], [1e3, 1e3], [0.0, 0.0]]), (2, 1, 1)), rtol=1e-9)

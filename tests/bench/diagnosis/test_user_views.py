@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import pickle
 import re
+import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +15,7 @@ import pytest
 
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import summarise
+from bench.diagnosis.views import registry
 from bench.diagnosis.views.registry import (
     VIEWS,
     forget_view_files,
@@ -19,6 +23,7 @@ from bench.diagnosis.views.registry import (
     same_views,
     views,
 )
+from bench.diagnosis.views.response import Response
 from protocols.errors import InputError
 from sim_backend.pixel import PixelModel
 
@@ -125,3 +130,86 @@ def test_what_goes_wrong_in_it_is_one_line(tmp_path: Path, make: Make, body: str
     point = taken_at(make, PIXEL)
     with pytest.raises(InputError, match=message):
         summarise(Recording(Frame(point), point.events()), views())
+
+
+@pytest.fixture
+def plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Path]]:
+    """Return a function that installs a package with entry points, and returns its file."""
+
+    def install(text: str, *values: str) -> Path:
+        file = tmp_path / "my_evs_views.py"
+        file.write_text(text)
+        found = tmp_path / "my_evs_views-1.5.dist-info"
+        found.mkdir(exist_ok=True)
+        (found / "METADATA").write_text("Metadata-Version: 2.1\nName: my-evs-views\nVersion: 1.5\n")
+        lines = [f"point{i} = {value}" for i, value in enumerate(values or ("my_evs_views:Mine",))]
+        (found / "entry_points.txt").write_text("\n".join(["[evs_bench.views]", *lines, ""]))
+        monkeypatch.syspath_prepend(tmp_path)
+        registry._plug_ins.cache_clear()
+        return file
+
+    yield install
+    sys.modules.pop("my_evs_views", None)
+    monkeypatch.undo()
+    registry._plug_ins.cache_clear()
+
+
+COUNTED = "        yield Statistic('on', 'mean', np.ones(recording.pixels), np.ones(recording.pixels))\n"
+
+
+def test_an_installed_package_brings_views(plug_in: Callable[..., Path], tmp_path: Path, make: Make) -> None:
+    file = plug_in(SHORT + COUNTED)
+    (source,) = registry._plug_ins()
+    assert (source.path, source.package) == (str(file), "my-evs-views 1.5")
+    assert source.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
+    own = tmp_path / "late.py"
+    own.write_text(documented(tmp_path).read_text())
+    load_view_files([own])
+    assert [v.id for v in views()] == [*(v.id for v in VIEWS), "mine", "late_answers"]
+    point = taken_at(make, PIXEL)
+    found = summarise(Recording(Frame(point), point.events()), views())
+    assert [label.view for label in found.labels].count("mine") == 1
+
+
+def test_without_a_file_another_process_needs_no_telling(plug_in: Callable[..., Path]) -> None:
+    plug_in(SHORT + COUNTED)
+    assert views()[-1].id == "mine"
+    assert same_views() is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1\n", r"plug-in point0 \(my_evs_views:Mine\): cannot be imported: "),
+        ("import no_such_module\n", r"cannot be imported: No module named 'no_such_module'"),
+        ("Mine = 1\n", r"plug-in point0 \(my_evs_views:Mine\): expected a class derived from View"),
+        (HEAD + "class Mine(View):\n    id = 'mine'\n", r"plug-in point0 \(my_evs_views:Mine\): Mine: has no title"),
+        (SHORT.replace('"mine"', '"response"') + COUNTED, r"the id response is taken \(a built-in view\)"),
+    ],
+)
+def test_a_package_that_brings_none_is_one_line(plug_in: Callable[..., Path], text: str, message: str) -> None:
+    plug_in(text)
+    with pytest.raises(InputError, match=message) as error:
+        views()
+    assert "\n" not in str(error.value)
+
+
+def test_an_id_of_a_package_is_taken(plug_in: Callable[..., Path], tmp_path: Path) -> None:
+    plug_in(SHORT + COUNTED)
+    with pytest.raises(InputError, match=r"my_view\.py: the id mine is taken \(of my-evs-views 1\.5\)"):
+        load_view_files([file_with(tmp_path, SHORT + COUNTED)])
+    plug_in(SHORT + COUNTED, "my_evs_views:Mine", "my_evs_views:Mine")
+    with pytest.raises(InputError, match=r"plug-in point1 .*: the id mine is taken \(of my-evs-views 1\.5\)"):
+        views()
+
+
+def test_what_goes_wrong_in_a_package_is_one_line(plug_in: Callable[..., Path], make: Make) -> None:
+    plug_in(SHORT + "        yield 1 / 0\n")
+    point = taken_at(make, PIXEL)
+    with pytest.raises(InputError, match=r"my_evs_views\.py:7: ZeroDivisionError"):
+        summarise(Recording(Frame(point), point.events()), views())
+
+
+def test_entry_points_are_what_the_group_is_called() -> None:
+    assert registry.GROUP == "evs_bench.views"
+    assert EntryPoint("response", "bench.diagnosis.views.response:Response", registry.GROUP).load() is Response

@@ -36,13 +36,15 @@ def test_a_whole_diagnosis_reads_like_the_table_that_was_asked_for(explained: Ou
     assert "fails most: ON response at 80 mlux, contrast 0.45: measured 0.11, model 0.97 (-88 sigma)" in text
     # 5.52 fA over 42.4 fA/lux times 0.6 are 217 mlux
     assert "step 1  + dark_current 5.52 fA (5.41 to 5.63), dark light 217 mlux" in text
-    assert "1800.0   < 0.001   cannot be told from stray_light here" in text
+    row = next(line.split() for line in text.splitlines() if line.split()[:1] == ["dark_current"])
+    assert row[1:6] == ["30.2", "40.6", "41.5", "<", "0.001"]
+    assert "41.5   < 0.001   cannot be told from stray_light here" in text
     assert (
         "verdict: one effect was missing, dark_current (or stray_light). The error fell from 41.7 to 1.06; "
         "nothing else is significant." in text
     )
     assert "alignment" not in text
-    assert "leak                0.0" not in text  # what would not lower the error is no row
+    assert not any(line.split()[:2] == ["leak", "0.00"] for line in text.splitlines())  # it would lower nothing
     assert all(len(line) < 200 for line in text.splitlines())
 
 
@@ -60,6 +62,10 @@ def test_what_tells_tied_effects_apart_is_told_with_its_time(explained: Outcome)
     line = "to tell the two apart (dark_current from stray_light): on_family, 12 minutes, separation 19 sigma"
     assert apart_line(explained) == line
     assert apart_line(replace(explained, next_measurement=None)) is None
+    assert apart_line(replace(explained, next_measurement={})) == (
+        "no protocol that is known here tells dark_current and stray_light apart"
+    )
+    assert apart_line(replace(explained, next_measurement={}, ties={})) is None  # it is a rival's
     three = {"protocol": "pulse_width", "title": "pulse_width", "separates": ["a", "b", "c"], "minutes": 3.0}
     assert apart_line(replace(explained, next_measurement=three, ties={"a": ("b", "c")})) == (
         "to tell the three apart (a, b and c): pulse_width, 3 minutes"
@@ -78,7 +84,7 @@ def test_nothing_missing_says_what_would_have_been_seen(nothing_missing: Outcome
     text = "\n".join(lines_of(nothing_missing))
     assert "verdict: nothing is missing. The error is 1.02" in text
     assert "smallest size that would have been seen:\n        leak  0.021 ln/s (rate_per_s)" in text
-    assert text.endswith("or not told from which size on: shot_noise")
+    assert text.endswith("not to be seen in these data at any size: shot_noise")
 
 
 def test_every_verdict_is_one_sentence(explained: Outcome) -> None:

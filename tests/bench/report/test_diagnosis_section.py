@@ -73,7 +73,7 @@ def test_the_ranking_names_what_was_added_first(explained: Outcome) -> None:
     first, last = numbers.steps
     assert first.effects[:2] == ("dark current", "stray light")
     assert (first.added, first.tied) == ("dark current", ("stray light",))
-    assert first.found[:2].tolist() == [1800.0, 1799.0]
+    assert first.found[:2].tolist() == [40.6, 40.5]
     assert (last.added, last.effects[0]) == (None, "leak")
     bare = replace(explained, steps=tuple(replace(s, candidates=()) for s in explained.steps))
     assert ranking.prepare(bare) is None

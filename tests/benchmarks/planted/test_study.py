@@ -202,8 +202,17 @@ def test_the_page_and_the_numbers_are_written_of_what_is_finished(tmp_path: Path
     assert (
         "| one effect of size 5 or more is named first, alone or in its tied group | 95 % or more | 14 of 14" in page
     )
-    assert "| with nothing missing, nothing is named | 95 % or more | 22 of 22" in page
+    assert "| with nothing missing, nothing is named | 95 % or more | 22 of 22, 100 % (85 to 100) | yes |" in page
+    assert "| with nothing missing, the verdict is `nothing_missing` |  | 22 of 22, 100 % (85 to 100) | - |" in page
+    assert "| a diagnosis took 30 s or less |  | 88 of 88," in page
+    assert "A diagnosis took 12 s in the median, nine of ten 12 s or less, the longest\n12 s." in page
+    assert "| 14 single | 30.0, 30.0, 30.0 | 1.00, 1.00, 1.00 | 30.0, 30.0, 30.0 | 1.00, 1.00, 1.00 |" in page
     numbers = json.loads((tmp_path / "docs" / "planted-study" / "planted-study.json").read_text())
+    met = {c["what"]: c["met"] for c in numbers["claims"]}
+    assert met["with nothing missing, nothing is named"] is True
+    assert met["with nothing missing, the verdict is `nothing_missing`"] is None
+    assert [f["kind"] for f in numbers["falls"]] == ["single", "several"]
+    assert numbers["falls"][0]["before"] == [30.0, 30.0, 30.0]
     assert numbers["finished"] == {"single": 22, "several": 22, "none": 22, "outside": 22}
     assert [(b["k"], b["n"]) for b in numbers["detection"]] == [(0, 8), (14, 14)]
     assert all(row["planted"] == row["named"] for row in numbers["confusion"])

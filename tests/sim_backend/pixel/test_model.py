@@ -12,6 +12,7 @@ import yaml
 from protocols.errors import InputError
 from protocols.points import Roi
 from sim_backend.pixel import Photoconversion, PixelModel, build_chain
+from sim_backend.pixel.chain import PixelDraws
 from sim_backend.pixel.effects import (
     STAGES,
     DarkCurrent,
@@ -158,3 +159,21 @@ def test_thresholds_are_at_least_a_hundredth() -> None:
     model = PixelModel(theta_on=0.02) + ThresholdMismatch(sigma_on=0.5)
     chain = build_chain(model, Roi(0, 0, 50, 50), 3)
     assert chain.theta_on.min() == 0.01
+
+
+def test_even_draws_have_the_share_that_is_asked_for() -> None:
+    """Of 10 x 10 pixels 3.7 % are three or four, 3.7 on average, and never another number; of real sensors not so."""
+    y, x = (axis.ravel().astype(np.uint16) for axis in np.mgrid[:10, :10])
+    even = np.array([np.sum(PixelDraws(x, y, seed, even=True).uniform("hot") < 0.037) for seed in range(400)])
+    drawn = np.array([np.sum(PixelDraws(x, y, seed).uniform("hot") < 0.037) for seed in range(400)])
+    assert set(even) == {3, 4}
+    assert np.mean(even) == pytest.approx(3.7, abs=4.0 * np.sqrt(0.7 * 0.3 / 400))
+    assert np.var(drawn) == pytest.approx(100 * 0.037 * 0.963, rel=4.0 * np.sqrt(2.2 / 400))
+
+
+def test_even_draws_keep_the_order_of_the_pixels() -> None:
+    """Another share adds pixels, or takes some out: differences between models are sharp."""
+    y, x = (axis.ravel().astype(np.uint16) for axis in np.mgrid[:8, :8])
+    plain, even = PixelDraws(x, y, 5).uniform("hot"), PixelDraws(x, y, 5, even=True).uniform("hot")
+    np.testing.assert_array_equal(np.argsort(plain), np.argsort(even))
+    assert 0.0 <= even.min() < even.max() < 1.0
