@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from bench.diagnosis.recorded.outlying import outlying_in, outlying_pixels
 
@@ -40,13 +41,16 @@ def test_pixels_that_fire_on_their_own_tell_their_rate(
 def test_pixels_that_fire_too_seldom_to_be_told_one_by_one_tell_their_rate_together(
     point: Callable[..., Any], recorded: Callable[..., Any]
 ) -> None:
-    """Six pixels with two or three events each, 15 in all, and no others: 12 pairs, where chance has 1.8."""
+    """Six pixels with two or three events each, 15 in all, and no others: hot ones that sent nothing are not seen.
+
+    The mean m of a Poisson number that is 2.5 where it is not zero: m / (1 - exp(-m)) = 2.5.
+    """
     times = [(1000 * (10 * pixel + n), pixel, 1, 1) for pixel in range(6) for n in range(2 + pixel % 2)]
     found = outlying_pixels([recorded(point(0, 0.0), sorted(times))])
     assert found is not None
-    pairs, events = 3 * 1 + 3 * 3, 15
-    by_pairs = 2.0 * (pairs - 0.5 * events**2 / 64) / events / SECONDS
-    assert found.rate_hz == pytest.approx(by_pairs, rel=2.0 / np.sqrt(events))
+    mean = brentq(lambda m: m / (1.0 - np.exp(-m)) - 2.5, 0.1, 10.0)
+    assert found.rate_hz == pytest.approx(mean / SECONDS, rel=0.01)
+    assert found.fraction == pytest.approx(2.5 / mean * 6 / 64, rel=0.01)
 
 
 def test_what_is_counted_is_known_as_well_as_it_says() -> None:
