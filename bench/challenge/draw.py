@@ -17,9 +17,9 @@ __all__ = ["LEVELS", "Draw", "Level", "draw"]
 Level = Literal["easy", "medium", "hard"]
 LEVELS: Final[tuple[Level, ...]] = get_args(Level)
 
-#: How often there are 0, 1, 2 and 3 effects.
+#: How often there are 0, 1, 2 and 3 effects, where there may be none.
 _EFFECTS: Final[dict[Level, tuple[float, ...]]] = {
-    "easy": (0.0, 1.0, 0.0, 0.0),
+    "easy": (0.15, 0.85, 0.0, 0.0),
     "medium": (0.15, 0.5, 0.35, 0.0),
     "hard": (0.2, 0.3, 0.3, 0.2),
 }
@@ -44,7 +44,9 @@ class Draw:
     sensor_seed: int
 
 
-def draw(seed: int, level: Level = "medium", effects_count: int | None = None) -> Draw:
+def draw(
+    seed: int, level: Level = "medium", effects_count: int | None = None, *, may_be_nothing: bool = False
+) -> Draw:
     """Return what a blind station is; the same arguments give the same.
 
     Parameters
@@ -52,15 +54,23 @@ def draw(seed: int, level: Level = "medium", effects_count: int | None = None) -
     seed
         Of all that is drawn.
     level
-        "easy" has one effect, and a large one; "medium" up to two, none sometimes; "hard" up to three, of any size.
+        "easy" has one effect, and a large one; "medium" one or two; "hard" one to three, of any size.
     effects_count
         How many effects there are, 0 to 3; None: the level says how often there are how many.
+    may_be_nothing
+        Sometimes there is no effect at all; it says nothing where `effects_count` is given.
     """
     rng = np.random.default_rng([seed, LEVELS.index(level)])
-    number = int(rng.choice(len(_EFFECTS[level]), p=_EFFECTS[level])) if effects_count is None else effects_count
+    number = _number(rng, level, may_be_nothing) if effects_count is None else effects_count
     base = _base(rng)
     chosen = _kinds(rng, number)
     return Draw(base, {i: _sizes(rng, SIZES[i], _FAINTEST[level]) for i in chosen}, int(rng.integers(1 << 32)))
+
+
+def _number(rng: np.random.Generator, level: Level, may_be_nothing: bool) -> int:
+    number = int(rng.choice(len(_EFFECTS[level]), p=_EFFECTS[level]))
+    # one instead of none, drawn from the same numbers: a seed that has effects has the same ones either way
+    return number if may_be_nothing else max(number, 1)
 
 
 def _base(rng: np.random.Generator) -> dict[str, float]:

@@ -36,7 +36,12 @@ _OF_A_BIAS: Final = {
 
 
 def make_challenge(
-    seed: int, level: Level = "medium", effects_count: int | None = None, out: Path | None = None
+    seed: int,
+    level: Level = "medium",
+    effects_count: int | None = None,
+    out: Path | None = None,
+    *,
+    may_be_nothing: bool = False,
 ) -> Path:
     """Make the folder of a challenge and return it; see :func:`~bench.challenge.draw.draw` for what is in it.
 
@@ -55,7 +60,7 @@ def make_challenge(
     import yaml
 
     common = load_station(_LIKE).resolved
-    world = _world(common, draw(seed, level, effects_count))
+    world = _world(common, draw(seed, level, effects_count, may_be_nothing=may_be_nothing))
     name = f"blind-{digest(world)[:8]}"  # tells challenges apart, and nothing of what is in them
     folder = out or Path(name)
     text = _HEAD + yaml.safe_dump(_station(common, name), sort_keys=False, allow_unicode=True)

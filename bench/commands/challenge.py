@@ -28,26 +28,32 @@ def command() -> None:
 @command.command()
 @click.option("--seed", type=SEED, help="The same seed, the same station; default is one that nobody knows.")
 @click.option("--level", type=click.Choice(["easy", "medium", "hard"]), default="medium", show_default=True,
-              help="One large effect; up to two; up to three of any size.")  # fmt: skip
+              help="One large effect; one or two; one to three of any size.")  # fmt: skip
 @click.option("--effects-count", type=click.IntRange(0, _MOST_EFFECTS),
               help="How many effects there are; default is drawn.")  # fmt: skip
+@click.option("--may-be-nothing", is_flag=True,
+              help="Sometimes the sensor lacks nothing: no effect at all, at any level.")  # fmt: skip
 @click.option("--out", type=click.Path(path_type=Path), help="Folder to make; default is the name of the station.")
 @json_option
 def new(
     seed: int | None,
     level: Literal["easy", "medium", "hard"],
     effects_count: int | None,
+    may_be_nothing: bool,
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Make a blind station: a base pixel, and effects of random kind and size (sometimes none).
+    """Make a blind station: a base pixel, and one or more effects of random kind and size.
 
     Its file names the instruments and the calibration. What the pixel is stands in a sealed file beside it, and a run
     on the station keeps nothing of it but its name.
     """
     from bench.challenge.folder import STATION_FILE, make_challenge
 
-    folder = make_challenge(secrets.randbelow(_SEEDS) if seed is None else seed, level, effects_count, out)
+    if may_be_nothing and effects_count is not None:
+        raise click.UsageError("--may-be-nothing says nothing beside --effects-count; expected one of the two")
+    chosen = secrets.randbelow(_SEEDS) if seed is None else seed
+    folder = make_challenge(chosen, level, effects_count, out, may_be_nothing=may_be_nothing)
     station = folder / STATION_FILE
     if as_json:
         print_json({"format": "evs-bench-challenge/1", "folder": str(folder), "station": str(station)})

@@ -16,7 +16,9 @@ from bench import cli
 from bench.analysis import analyze
 from bench.analysis.tables import to_json
 from bench.challenge.folder import make_challenge, read_truth
+from bench.challenge.score import score
 from bench.challenge.truth import Truth, biases_of
+from bench.diagnosis.diagnosis import Diagnosis
 from bench.run import rerun, resume, run_protocol
 from bench.run.by_workers import require_simulated
 from bench.station import load_station, station_from
@@ -52,6 +54,21 @@ measurements:
     sweep: {illuminance_lux: 100}
     settings: SETTINGS
 """
+
+#: A small run in which a dark current is found: a level of light at which it counts, and one at which it does not.
+SMALL = """\
+format: evs-bench-protocol/1
+title: two levels of light
+seed: 5
+roi: {x: 10, y: 20, width: 8, height: 8}
+pulses: 5
+measurements:
+  - name: square
+    stimulus: {kind: square, frequency_hz: 5}
+    sweep: {illuminance_lux: [1, 100], contrast: {scale: log, values: [0.5]}}
+"""
+#: The true effect, its twin, and another: with all of them a diagnosis takes 15 s.
+THOUGHT_OF = {"dark_current", "stray_light", "leak"}
 
 #: Of a station's arguments, and of its world.
 OF_A_STATION = ("sealed", "world", "OpticalBench", "SimulatedCamera", "noise_rms", "sensor_seed", "bias_map", "table")
@@ -128,12 +145,37 @@ def test_the_station_file_and_the_sealed_file_do_not_tell_either(challenge: Path
     assert found_in(challenge, secrets) == set()
 
 
-def test_without_its_station_a_run_gives_the_same_results(run: Path, tmp_path: Path) -> None:
-    bare = tmp_path / "run"
+def without_station(run: Path, bare: Path) -> Path:
+    """Return a copy of a run that does not say of its station what it is: no world, no devices, no arguments."""
     shutil.copytree(run, bare)
     header = yaml.safe_load((bare / "run.yaml").read_text())
     (bare / "run.yaml").write_text(yaml.safe_dump({k: v for k, v in header.items() if k != "station"}))
+    return bare
+
+
+def test_without_its_station_a_run_gives_the_same_results(run: Path, tmp_path: Path) -> None:
+    bare = without_station(run, tmp_path / "run")
     assert to_json(analyze(Run.open(bare))) == to_json(analyze(Run.open(run)))
+
+
+def diagnosed(run: Path) -> dict[str, Any]:
+    """Return what `evs-bench diagnose --json` prints, of few effects; it names a run by its id."""
+    with Diagnosis(run, seed=3, without=effects().keys() - THOUGHT_OF) as diagnosis:
+        told: dict[str, Any] = json.loads(json.dumps(diagnosis.run(most=1).to_dict()))
+    return told
+
+
+def test_without_its_station_a_run_gets_the_same_diagnosis(tmp_path: Path) -> None:
+    challenge = make_challenge(SEED, "hard", 1, tmp_path / "challenge")
+    seeing = station_from(load_station(challenge / "station.yaml").resolved, "here")
+    run = run_protocol(parse_protocol(SMALL, "small.yaml"), seeing, tmp_path / "run").folder
+    bare = without_station(run, tmp_path / "bare")
+    told_by_it = {"dark_current", "OpticalBench", "SimulatedCamera", "noise_rms", "sensor_seed", "bias_map"}
+    assert found_in(run, told_by_it) == told_by_it
+    assert found_in(bare, told_by_it) == set()
+    told = diagnosed(run)
+    assert score(read_truth(challenge), told).right  # otherwise there is little that could differ
+    assert diagnosed(bare) == told
 
 
 def events(folder: Path) -> list[np.ndarray[Any, Any]]:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from bench import cli
+from bench.challenge.draw import draw
 from bench.challenge.folder import make_challenge, read_truth
 from bench.challenge.score import read_diagnosis, score
 from bench.challenge.truth import Truth
@@ -172,5 +173,15 @@ def test_a_seed_that_nobody_gave_is_another_each_time(tmp_path: Path) -> None:
 def test_levels_and_numbers_reach_the_draw(tmp_path: Path) -> None:
     assert cli.run(["challenge", "new", "--seed", "3", "--level", "hard", "--out", str(tmp_path / "a")]) == 0
     assert read_truth(tmp_path / "a") == read_truth(make_challenge(3, "hard", out=tmp_path / "b"))
-    assert cli.run(["challenge", "new", "--effects-count", "4", "--out", str(tmp_path / "c")]) == 1
-    assert not (tmp_path / "c").exists()
+    for wrong in (["--effects-count", "4"], ["--effects-count", "1", "--may-be-nothing"]):
+        assert cli.run(["challenge", "new", *wrong, "--out", str(tmp_path / "c")]) == 1
+        assert not (tmp_path / "c").exists()
+
+
+def test_there_is_an_effect_unless_there_may_be_nothing(tmp_path: Path) -> None:
+    seed = next(seed for seed in range(100) if not draw(seed, may_be_nothing=True).effects)
+    assert cli.run(["challenge", "new", "--seed", str(seed), "--out", str(tmp_path / "a")]) == 0
+    assert len(read_truth(tmp_path / "a").effects) == 1
+    new = ["challenge", "new", "--seed", str(seed), "--may-be-nothing", "--out", str(tmp_path / "b")]
+    assert cli.run(new) == 0
+    assert not read_truth(tmp_path / "b").effects
