@@ -19,7 +19,7 @@ from bench.diagnosis.fitting.approach import approach, best_of
 from bench.diagnosis.fitting.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitting.fitted import Fit
 from bench.diagnosis.fitting.looks import loss_of, shifted
-from bench.diagnosis.fitting.slopes import Around, samples_around
+from bench.diagnosis.fitting.slopes import Around, AsBefore, samples_around
 from bench.diagnosis.fitting.steps import inside, shown, step_from
 from bench.diagnosis.fitting.ways import directions, well_seen
 
@@ -79,7 +79,8 @@ def fit(
 
 
 def finish(
-    problem: Problem, near: Approach, *, precise: bool = False, beat: float = math.inf, effort: float = 1.0
+    problem: Problem, near: Approach, *, precise: bool = False, beat: float = math.inf, effort: float = 1.0,
+    known: Floats | None = None,
 ) -> Fit:  # fmt: skip
     """Go to the minimum with more effort, and return the fit there.
 
@@ -91,9 +92,11 @@ def finish(
         The loss of the best of other models: what comes nowhere near it is not worth the effort.
     effort
         So many times as much is simulated as usual.
+    known
+        (2, n, k) changes by coordinate that hold here; None: they are simulated.
     """
     model, slots, start = near.model, near.slots, near.start
-    there = _minimum(problem, near, precise, beat, effort)
+    there = _minimum(problem, near, precise, beat, effort, known)
     here, jacobian = there.expected, there.jacobian
     x, value = _last_step(problem, here, jacobian, slots, there.at, start, _LAST if there.close else _SHORTEST)
     models = problem.models(model, slots, x)
@@ -145,7 +148,9 @@ class _Minimum:
     close: bool  #: the model is not far off
 
 
-def _minimum(problem: Problem, near: Approach, precise: bool, beat: float, times: float) -> _Minimum:
+def _minimum(
+    problem: Problem, near: Approach, precise: bool, beat: float, times: float, known: Floats | None
+) -> _Minimum:  # fmt: skip
     """Go from place to place; what is expected is known from all that are close by, the better the more there are."""
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
     more = times * (max(problem.cost(problem.models(model, slots, at)), 1.0) if precise else 1.0)
@@ -160,8 +165,9 @@ def _minimum(problem: Problem, near: Approach, precise: bool, beat: float, times
     hopeless = _HOPELESS * len(problem.measured.labels)
     close = near.loss < hopeless and least < _BEATEN * beat
     # The larger the residuals, the less do changes need to be known to lower them.
-    effort = max(_SHARP * min(hopeless / least, 1.0), _BLUNT) if close else _BLUNT
-    around = _looked_around(problem, near, here, close, effort * more)
+    effort = max(_SHARP * hopeless / max(least, hopeless), _BLUNT) if close else _BLUNT
+    around: Around | AsBefore
+    around = AsBefore(known) if known is not None else _looked_around(problem, near, here, close, effort * more)
     around.add(at, sensors)
     jacobian = around.slopes(at, here)
     visited, seen = [(at, here)], [sensors]
