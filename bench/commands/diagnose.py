@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from bench.diagnosis.comparison import ResidualsByStep
     from bench.diagnosis.diagnosis import Diagnosis
     from bench.diagnosis.result import Outcome
-    from bench.diagnosis.telling.by_axis import Place
 
 __all__ = ["command"]
 
@@ -174,12 +173,11 @@ def _reasons_alone(outcome: Outcome) -> Outcome:
 def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None], but: Sequence[str]) -> Outcome:
     """Let a person pick the effects; `but` is what is to be known before."""
     from bench.diagnosis.comparison import residuals_by_step
-    from bench.diagnosis.telling.by_axis import first_places
     from bench.diagnosis.telling.interactive import watch
     from bench.diagnosis.telling.wording import shortened_lines
 
-    def place(number: int) -> Place | None:
-        return first_places(residuals_by_step(diagnosis.problem, diagnosis.fits)).get(number)
+    def residuals() -> ResidualsByStep:
+        return residuals_by_step(diagnosis.problem, diagnosis.fits)
 
     def ask(question: str) -> str | None:
         tell.rest()
@@ -192,4 +190,4 @@ def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None], bu
 
     for line in (*but, *shortened_lines(diagnosis.shortened)):
         show_at_rest(line)
-    return watch(diagnosis, ask, show_at_rest, place)
+    return watch(diagnosis, ask, show_at_rest, residuals)

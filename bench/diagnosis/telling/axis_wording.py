@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.telling.by_axis import ALL_VIEWS, AXES
-from bench.diagnosis.telling.wording import on_axis
+from bench.diagnosis.telling.wording import on_axis, significant
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from bench.diagnosis.telling.by_axis import Bin
 
-__all__ = ["axis_lines", "axis_title", "bin_label"]
+__all__ = ["axis_lines", "axis_title", "bin_label", "flattening_lines"]
 
 _TITLES: Final = {
     "anywhere": "all",
@@ -65,6 +65,36 @@ def axis_lines(bins: Sequence[Bin]) -> Iterator[str]:
         if len(mine) > 1 or (mine and axis == "halves"):
             rows = [(bin_label(b), b, responses.get((b.axis, b.low))) for b in mine]
             yield from _table(axis_title(axis), rows, "mean z of responses")
+
+
+def flattening_lines(before: Sequence[Bin], after: Sequence[Bin]) -> Iterator[str]:
+    """Yield how far the residuals of two models are off, one beside the other: in each view, and along each axis."""
+    known = {(b.axis, b.view, b.low): b for b in before}
+    rows = [
+        (_of_either(b), known.get((b.axis, b.view, b.low)), b)
+        for axis in AXES for b in after if b.axis == axis and _is_told(b, after)
+    ]  # fmt: skip
+    title = "mean square residual"
+    width = max(len(title), *(len(label) for label, _, _ in rows)) if rows else len(title)
+    yield f"{title:{width}}     before      after   by chance"
+    for label, was, now in rows:
+        then = "-" if was is None else significant(was.square)
+        yield f"{label:{width}}  {then:>9}  {significant(now.square):>9}   1.00 +/- {now.square_sd:.2f}"
+
+
+def _is_told(one: Bin, every: Sequence[Bin]) -> bool:
+    """Return whether it is a view, or one of several values of an axis."""
+    if one.axis == "anywhere":
+        return one.view != ALL_VIEWS
+    alike = [b for b in every if b.axis == one.axis and b.view == ALL_VIEWS]
+    return one.view == ALL_VIEWS and (len(alike) > 1 or one.axis == "halves")
+
+
+def _of_either(one: Bin) -> str:
+    """Return the name of a view, or a value of an axis with the name of that."""
+    if one.axis == "anywhere":
+        return one.view.replace("_", " ")
+    return bin_label(one) if one.axis in ("order", "halves") else f"{one.axis} {bin_label(one)}"
 
 
 def _table(title: str, rows: Sequence[tuple[str, Bin, Bin | None]], mean: str) -> Iterator[str]:

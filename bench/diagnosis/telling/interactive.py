@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Literal, Protocol
 
+from bench.diagnosis.telling.axis_wording import flattening_lines
+from bench.diagnosis.telling.by_axis import by_axis, first_places
 from bench.diagnosis.telling.wording import end_lines, fall_line, gain_of, step_lines
 from protocols.errors import InputError
 from sim_backend.pixel.effects.registry import effects
@@ -13,8 +15,8 @@ from sim_backend.pixel.effects.registry import effects
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from bench.diagnosis.comparison import ResidualsByStep
     from bench.diagnosis.result import Outcome, Step
-    from bench.diagnosis.telling.by_axis import Place
 
 __all__ = ["Choice", "Stepwise", "choose", "watch"]
 
@@ -55,7 +57,7 @@ def watch(
     diagnosis: Stepwise,
     ask: Callable[[str], str | None],
     show: Callable[[str], None],
-    place: Callable[[int], Place | None] = lambda _: None,
+    residuals: Callable[[], ResidualsByStep] = dict,
 ) -> Outcome:
     """Show each step, do what is asked for, and return the outcome in the end.
 
@@ -67,12 +69,12 @@ def watch(
         Returns the answer to a question; None where nobody answers any more, which stops.
     show
         Shows a line.
-    place
-        Returns where the model of a step fails most.
+    residuals
+        Returns what each step leaves: it is told where the model fails most, and how it all flattens.
     """
     for finding in diagnosis.findings:
         show(f"not fit to judge: {finding}")
-    _show_step(diagnosis, show, place)
+    _show_step(diagnosis, show, residuals())
     while True:
         choice = choose(ask(question(diagnosis)), diagnosis)
         if choice.what == "stop":
@@ -88,9 +90,9 @@ def watch(
         except InputError as error:
             show(str(error))
             continue
-        _show_step(diagnosis, show, place)
+        _show_step(diagnosis, show, residuals())
         if choice.what == "add":
-            show(fall_line(*diagnosis.steps[-2:]))
+            _show_fall(diagnosis, show, residuals())
     outcome = diagnosis.outcome()
     for line in end_lines(outcome):
         show(line)
@@ -140,10 +142,20 @@ def _unknown(name: str, known: Sequence[str]) -> str:
     return f"{name}: no such effect; {hint}"
 
 
-def _show_step(diagnosis: Stepwise, show: Callable[[str], None], place: Callable[[int], Place | None]) -> None:
+def _show_step(diagnosis: Stepwise, show: Callable[[str], None], residuals: ResidualsByStep) -> None:
     proposal = diagnosis.proposal  # the best candidates are refitted for it, so that the table can show them
     step = diagnosis.steps[-1]
-    for line in step_lines(step, place(step.number), gain_of(diagnosis.outcome(measure_next=False)), numbered=True):
+    place = first_places(residuals).get(step.number)
+    for line in step_lines(step, place, gain_of(diagnosis.outcome(measure_next=False)), numbered=True):
         show(line)
     if proposal is None:
         show("nothing more is significant")
+
+
+def _show_fall(diagnosis: Stepwise, show: Callable[[str], None], residuals: ResidualsByStep) -> None:
+    """Show by how much the last step has lowered the error, and where."""
+    before, after = diagnosis.steps[-2:]
+    show(fall_line(before, after))
+    if before.number in residuals and after.number in residuals:
+        for line in flattening_lines(*(by_axis(*residuals[one.number]) for one in (before, after))):
+            show(f"{' ' * 8}{line}")

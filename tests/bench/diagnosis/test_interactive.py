@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bench.diagnosis.comparison import Residual
 from bench.diagnosis.telling.interactive import Choice, choose, watch
 from protocols.errors import InputError
 
@@ -69,6 +70,31 @@ def test_enter_accepts_the_proposal_and_then_stops(explained: Outcome) -> None:
     assert "\nENTER stops; a number or a name adds that; u: undo; q: stop > " in told
     assert "the error went from 41.7 to 1.06" in told
     assert told.endswith("separation 19 sigma")
+
+
+def test_residuals_are_seen_to_flatten_where_they_stood_out(explained: Outcome) -> None:
+    """The error falls in dim light, and the response is what it falls in."""
+
+    def left(view: str, lux: float, z: float) -> Residual:
+        return Residual(view, "on", 0, lux, 0.4, 0.1, 0.0, 0.5, 0.5, 0.1, z)
+
+    steps = {
+        0: ([left("response", 0.1, 9.0), left("response", 10.0, 1.0), left("latency", 0.1, 0.6)], None),
+        1: ([left("response", 0.1, 1.2), left("response", 10.0, 1.0), left("latency", 0.1, 0.6)], None),
+    }
+    told: list[str] = []
+    answers = iter(["", None])
+    watch(Stub(explained), lambda _: next(answers), told.append, lambda: steps)
+    begin = next(i for i, line in enumerate(told) if "mean square residual" in line)
+    assert "the error went from" in told[begin - 1]
+    table = [line.split() for line in told[begin + 1 : begin + 5]]
+    assert [row[:-3] for row in table] == [
+        ["response", "41.0", "1.22"],  # (81 + 1) / 2, and (1.44 + 1) / 2
+        ["latency", "0.36", "0.36"],
+        ["illuminance", "100", "mlux", "40.7", "0.90"],
+        ["illuminance", "10", "lux", "1.00", "1.00"],
+    ]
+    assert told[begin + 5].startswith("the model now")  # one contrast, one width: nothing to compare
 
 
 @pytest.mark.parametrize(
