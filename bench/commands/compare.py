@@ -34,8 +34,8 @@ def command(
 
     The free numbers of the model are fitted; stimulus, settings and sensor come from the run. Several runs of one
     sensor are explained together. What is printed is also in RUN/comparison, with every residual in residuals.csv,
-    and what they do along each axis in by_axis.csv. Data that are not fit to be judged are told so, with the reasons,
-    and compared all the same.
+    what they do along each axis in by_axis.csv, and a page with figures of both. Data that are not fit to be judged
+    are told so, with the reasons, and compared all the same.
 
     Example:  evs-bench compare my_run --model model.yaml
     """
@@ -47,6 +47,7 @@ def command(
     from bench.diagnosis.telling.wording import comparison_lines, head_line
     from bench.diagnosis.workers import processes
     from bench.logs import LOG_FILE, log_into
+    from bench.report.comparison import write_comparison
 
     model = model_of(model_file)
     opened = open_runs(runs)
@@ -56,11 +57,13 @@ def command(
         comparison = compare(opened, model, seed=seed, workforce=processes(workers), tell=tell, whole=whole)
         tell("looking at the pixels' places")
         found = patterns(pixel_map([p for run in opened for p in run.points()]))
-    places = worst_places(comparison.residuals, comparison.correlation)
+        places = worst_places(comparison.residuals, comparison.correlation)
+        content = comparison_dict(comparison, found)
+        tell("drawing the figures")
+        folder.mkdir(exist_ok=True)
+        save_comparison(comparison, content, folder)
+        page = write_comparison(comparison, places, found, folder)
     bins = by_axis(comparison.residuals, comparison.correlation)
-    content = comparison_dict(comparison, found)
-    folder.mkdir(exist_ok=True)
-    save_comparison(comparison, content, folder)
     if as_json:
         print_json(content)
     else:
@@ -68,4 +71,4 @@ def command(
         but = (f"fit to judge, but {caution}" for caution in comparison.cautions)
         for line in (*but, *comparison_lines(comparison, places, found), "", *axis_lines(bins)):
             click.echo(line)
-    say(f"the model with its fitted numbers, and all residuals, are in {folder}")
+    say(f"the fitted model, all residuals and figures are in {folder}; open {page} in a browser")

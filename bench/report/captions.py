@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bench.report.figures.error_fall import ErrorFallNumbers
     from bench.report.figures.event_map import EventMapNumbers
     from bench.report.figures.latency import LatencyNumbers
+    from bench.report.figures.measured_predicted import MeasuredPredictedNumbers
     from bench.report.figures.misfit_map import MisfitMapNumbers
     from bench.report.figures.pixel import PixelNumbers
     from bench.report.figures.pixel_maps import PixelMapNumbers, Spread
@@ -30,6 +31,7 @@ __all__ = [
     "error_fall",
     "event_map",
     "latency",
+    "measured_predicted",
     "misfit_map",
     "pixel",
     "pixel_maps",
@@ -175,13 +177,24 @@ def error_fall(numbers: ErrorFallNumbers) -> str:
     )
 
 
+def measured_predicted(numbers: MeasuredPredictedNumbers) -> str:
+    """Caption of every statistic against what a model expects."""
+    return (
+        f"All statistics of the run, in {count(len(numbers.panels), 'view')}; each mark is one statistic of one "
+        "point. Bars are 90 % intervals of the difference, from the scatter between pixels. On the line the model is "
+        "right; what stands off it in one view alone tells what kind of effect is missing."
+    )
+
+
 def residual_axes(numbers: ResidualAxesNumbers) -> str:
     """Caption of the residuals against every axis."""
+    several = len(numbers.steps) > 1
+    lines = f"One line for each of {count(len(numbers.steps), 'step')}; grey" if several else "Grey"
+    end = "; it is to be flat and in the grey in the end" if several else ""
     return (
         "The rms residual of all statistics at each value of what was varied, in standard errors; neighbouring "
-        f"values are taken together where they are many. One line for each of {count(len(numbers.steps), 'step')}; "
-        "grey is where a true model lies by chance. A line that is high at one end tells where the model fails; "
-        "it is to be flat and in the grey in the end."
+        f"values are taken together where they are many. {lines} is where a true model lies by chance. A line that "
+        f"is high at one end tells where the model fails{end}."
     )
 
 

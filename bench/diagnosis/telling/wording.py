@@ -21,6 +21,7 @@ __all__ = [
     "change_text",
     "comparison_lines",
     "end_lines",
+    "error_text",
     "fall_line",
     "fall_text",
     "gain_of",
@@ -29,6 +30,7 @@ __all__ = [
     "number_lines",
     "on_axis",
     "p_text",
+    "pattern_lines",
     "place_text",
     "remainder_text",
     "shortened_lines",
@@ -365,13 +367,17 @@ def comparison_lines(comparison: Comparison, places: Sequence[Place], found: Seq
             yield f"{_INDENT}{place_text(place)}"
     else:
         yield "no statistic is off by more than chance"
+    yield from (f"{_INDENT}{line}" for line in pattern_lines(found))
+
+
+def pattern_lines(found: Sequence[Pattern]) -> Iterator[str]:
+    """Yield the patterns among the pixels that are beyond chance, in words."""
     for one in found:
         if one.z > _PATTERN_Z or (one.along.startswith("from") and abs(one.z) > _PATTERN_Z):
-            yield f"{_INDENT}{pattern_text(one)}"
+            yield _pattern_text(one)
 
 
-def pattern_text(one: Pattern) -> str:
-    """Return a pattern among the pixels in words."""
+def _pattern_text(one: Pattern) -> str:
     if one.along in ("rows", "columns"):
         return (
             f"{one.along} of pixels differ, by {one.size:.2g} rms ({one.z:+.0f} sigma); the model has no place for it"
