@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from bench.analysis.tally import active_pixels, observed_s, outside_gaps
-from bench.analysis.windows import test_windows, window_of
+from bench.analysis.windows import test_windows
 from bench.diagnosis.recorded.ripple import locked
 from bench.models.simulation import recorded_light
 
@@ -42,16 +42,24 @@ class Frame:
         self.pixels = int(active.sum())  #: that were on
         self.rank: Ints = np.where(active, np.cumsum(active) - 1, -1)  #: (window,) number of each pixel; -1 if off
         self.observed_s = observed_s(point)  #: without gaps
-        self.local = np.zeros(self.windows.group.size, np.int64)  #: (w,) number of each window in its group
-        for group in range(len(self.windows.groups)):
-            mine = np.flatnonzero(self.windows.group == group)
-            self.local[mine] = np.arange(mine.size)
         self._unsaid: dict[str, tuple[Statistic, ...]] = {}
 
     @cached_property
     def light(self) -> LightHistory:
         """The light of the point."""
         return recorded_light(self.point)
+
+    @cached_property
+    def cells(self) -> tuple[tuple[tuple[Ints, ...], tuple[Ints, ...]], Ints]:
+        """The windows that ask for OFF and for ON, and how many each group has, as the kernels take them."""
+        windows = self.windows
+        number = np.zeros(windows.group.size, np.int64)  # of each window in its group
+        for group in range(len(windows.groups)):
+            mine = np.flatnonzero(windows.group == group)
+            number[mine] = np.arange(mine.size)
+        each = (windows.start_us, windows.stop_us, windows.edge_us, windows.group, number)
+        off, on = (tuple(values[windows.polarity == polarity] for values in each) for polarity in (0, 1))
+        return (off, on), np.array([test.pulses for test in windows.groups], np.int64)
 
     @cached_property
     def lock(self) -> Lock | None:
@@ -105,14 +113,13 @@ class Recording:
         self.frame = frame
         self.sensors = len(sensors)
         self.pixels = len(sensors) * frame.pixels  #: of all sensors, those of the first before those of the next
-        point = frame.point
-        t, pixel, p, sensor = _gather(sensors, point)
-        rank = frame.rank[pixel]
-        keep = (rank >= 0) & (t <= round(point.duration_s * _US_PER_S))
-        keep &= outside_gaps(t, point.gaps_s)
-        self.t_us: Ints = t[keep]  #: in order of time for each sensor
-        self.pixel: Ints = (rank + sensor * frame.pixels)[keep]  #: from 0; pixels that were off have no number
-        self.p: npt.NDArray[np.uint8] = p[keep]  #: 1 ON, 0 OFF
+        t, pixel, p = _gather(frame, sensors)
+        if len(frame.point.gaps_s):
+            keep = outside_gaps(t, frame.point.gaps_s)
+            t, pixel, p = t[keep], pixel[keep], p[keep]
+        self.t_us: Ints = t  #: in order of time for each sensor
+        self.pixel: Ints = pixel  #: from 0; pixels that were off have no number
+        self.p: npt.NDArray[np.uint8] = p  #: 1 ON, 0 OFF
 
     @cached_property
     def by_pixel(self) -> Ints:
@@ -122,9 +129,23 @@ class Recording:
     @cached_property
     def groups(self) -> tuple[Answers, ...]:
         """The answers to each group of test pulses."""
-        own = window_of(self.frame.windows, self.t_us, self.p)
-        other = window_of(self.frame.windows, self.t_us, 1 - self.p)
-        return tuple(self._answers(g, own, other) for g in range(len(self.frame.windows.groups)))
+        from bench.diagnosis.recorded.answer_kernels import find_answers
+
+        tests, (windows, pulses) = self.frame.windows.groups, self.frame.cells
+        if not tests:
+            return ()
+        ends = np.cumsum(pulses) * self.pixels
+        cells = int(ends[-1])
+        own, other = np.zeros((2, cells), np.int64)
+        first, second = np.full((2, cells), np.nan)
+        find_answers(
+            self.t_us, self.pixel, self.p, windows, pulses, ends - pulses * self.pixels, own, other, first, second
+        )
+        each = (np.split(values, ends[:-1]) for values in (own, other, first, second - first))
+        return tuple(
+            Answers(test, *(one.reshape(self.pixels, test.pulses) for one in mine))
+            for test, *mine in zip(tests, *each, strict=True)
+        )
 
     def by_sensor(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Return values of all pixels, (pixels, ...), with those of each sensor by themselves, (sensors, n, ...)."""
@@ -144,43 +165,26 @@ class Recording:
             mine |= (self.p == polarity) & (self.t_us >= span)
         return np.bincount(self.pixel[mine], minlength=self.pixels).astype(np.float64)
 
-    def _answers(self, group: int, own: Ints, other: Ints) -> Answers:
-        frame, windows = self.frame, self.frame.windows
-        test = windows.groups[group]
-        shape = (self.pixels, test.pulses)
-
-        def cells(window: Ints) -> tuple[Ints, Ints]:
-            events = np.flatnonzero((window >= 0) & (windows.group[window] == group))
-            return events, self.pixel[events] * test.pulses + frame.local[window[events]]
-
-        events, cell = cells(own)
-        latency = (self.t_us[events] - windows.edge_us[own[events]]) / _US_PER_S
-        first = np.full(shape[0] * shape[1], np.nan)
-        first[cell[::-1]] = latency[::-1]  # the last one written is the first one in time
-        later = latency > first[cell]
-        second = np.full(first.size, np.nan)
-        second[cell[later][::-1]] = latency[later][::-1]
-        wrong = cells(other)[1]
-        return Answers(
-            test=test,
-            own=np.bincount(cell, minlength=first.size).reshape(shape),
-            other=np.bincount(wrong, minlength=first.size).reshape(shape),
-            latency_s=first.reshape(shape),
-            gap_s=(second - first).reshape(shape),
-        )
-
 
 def _gather(
-    sensors: Sequence[Iterable[npt.NDArray[np.void]]], point: PointData
-) -> tuple[Ints, Ints, npt.NDArray[np.uint8], Ints]:
-    """Return time, pixel of the window, polarity and number of the sensor of all events inside the window."""
-    roi = point.roi
-    parts = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.int64))]
+    frame: Frame, sensors: Sequence[Iterable[npt.NDArray[np.void]]]
+) -> tuple[Ints, Ints, npt.NDArray[np.uint8]]:
+    """Return time, number of the pixel, and polarity of all events of pixels that were on."""
+    from bench.diagnosis.recorded.answer_kernels import take_inside
+
+    roi = frame.point.roi
+    stop_us = round(frame.point.duration_s * _US_PER_S)
+    parts = [_room(0)]
     for number, chunks in enumerate(sensors):
         for events in chunks:
-            x, y = events["x"].astype(np.int64) - roi.x, events["y"].astype(np.int64) - roi.y
-            inside = (x >= 0) & (x < roi.width) & (y >= 0) & (y < roi.height)
-            t, pixel, p = events["t"][inside].astype(np.int64), (y * roi.width + x)[inside], events["p"][inside]
-            parts.append((t, pixel, p, np.full(t.size, number)))
-    t, pixel, p, sensor = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return t, pixel, p, sensor
+            room = _room(len(events))
+            count = take_inside(
+                events, (roi.x, roi.y), (roi.width, roi.height), frame.rank, stop_us, number * frame.pixels, *room
+            )
+            parts.append((room[0][:count], room[1][:count], room[2][:count]))
+    t, pixel, p = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return t, pixel, p
+
+
+def _room(events: int) -> tuple[Ints, Ints, npt.NDArray[np.uint8]]:
+    return np.empty(events, np.int64), np.empty(events, np.int64), np.empty(events, np.uint8)

@@ -17,6 +17,8 @@ __all__ = ["Burst", "Neighbours", "Outliers"]
 
 #: Two events of neighbours this close belong together: crosstalk comes within 10 us.
 _TOGETHER_US: Final = 12
+#: So many events before an event are looked at.
+_LOOKED_BACK: Final = 3
 #: Puts pixels in an order that has nothing to do with their places (Knuth's multiplicative hash).
 _SHUFFLE: Final = 2654435761
 #: Events of a burst; shorter bursts than this are taken as this: how the camera cuts time is not the question.
@@ -40,23 +42,19 @@ class Neighbours(View):
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the share."""
-        frame, n = recording.frame, recording.frame.pixels
-        width = frame.point.roi.width
+        from bench.diagnosis.recorded.answer_kernels import count_together
+
+        t, pixel, n, roi = recording.t_us, recording.pixel, recording.frame.pixels, recording.frame.point.roi
         # Events of one time come row by row: without another order neighbours would follow each other.
-        shuffled = recording.pixel * _SHUFFLE % 2**32 >> 16
-        order = np.argsort((recording.t_us << 16) + shuffled, kind="stable")
-        t, p = recording.t_us[order], recording.p[order]
-        place = np.flatnonzero(frame.rank >= 0)[recording.pixel[order]]
-        x, y = place % width, place // width
-        beyond = np.zeros(t.size)
-        for k in range(1, min(4, t.size)):
-            near = t[k:] - t[:-k] <= _TOGETHER_US
-            near &= p[k:] == p[:-k]
-            apart = np.abs(x[k:] - x[:-k]) + np.abs(y[k:] - y[:-k])
-            beyond[k:] += near & (apart == 1)
-            beyond[k:] -= (near & (apart > 1)) * self._chance(frame.point.roi.width, frame.point.roi.height)
-        top = np.bincount(recording.pixel[order], weights=beyond, minlength=n).astype(np.float64)
-        bottom = np.bincount(recording.pixel, minlength=n).astype(np.float64)
+        shuffled = pixel * _SHUFFLE % 2**32 >> 16
+        order = np.argsort((t << 16) + shuffled, kind="stable")
+        row, column = np.divmod(np.flatnonzero(recording.frame.rank >= 0), roi.width)
+        top = np.zeros(n)
+        count_together(
+            t, pixel, recording.p, order, column, row, _TOGETHER_US, _LOOKED_BACK,
+            self._chance(roi.width, roi.height), top,
+        )  # fmt: skip
+        bottom = np.bincount(pixel, minlength=n).astype(np.float64)
         yield Statistic("both", "difference", top, bottom, least=1.0 / max(t.size, 1))
 
     @staticmethod
