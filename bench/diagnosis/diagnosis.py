@@ -209,19 +209,26 @@ class Diagnosis:
         self._back_to(self._states[:-1])
         return self._last_step()
 
-    def run(self, most: int = 3) -> Outcome:
+    def run(self, most: int = 3, *, measure_next: bool = True) -> Outcome:
         """Add what is missing, step by step, until nothing more is significant; drop what is needless.
 
         Where Ctrl-C ends it, :meth:`outcome` tells what was found until then.
+
+        Parameters
+        ----------
+        most
+            Effects that are added at the most.
+        measure_next
+            As of :meth:`outcome`.
         """
         if self.findings:
-            return self.outcome()
+            return self.outcome(measure_next=measure_next)
         self._searching = True
         self._go_on(most)
         if not is_explained(self.problem, self._states[-1]):
             self._try_others(most)
         self._searching = False
-        return self.outcome()
+        return self.outcome(measure_next=measure_next)
 
     def outcome(self, *, measure_next: bool = True) -> Outcome:
         """Return what was found so far.

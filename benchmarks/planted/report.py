@@ -124,7 +124,8 @@ def _more(cases: Sequence[Tried]) -> Iterator[str]:
         yield f"{alone} of {len(right)} stood alone."
     middle, nine, longest = np.quantile([c.seconds for c in cases], (0.5, 0.9, 1.0))
     yield f"A diagnosis took {middle:.0f} s in the median, nine of ten {nine:.0f} s or less, the longest"
-    yield f"{longest:.0f} s. Each ran in one process, with as many side by side as the study had processes."
+    yield f"{longest:.0f} s. Each ran in one process, with as many side by side as the study had processes; what to"
+    yield "measure next was not looked for."
 
 
 def _met(claim: Claim) -> str:

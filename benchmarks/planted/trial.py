@@ -68,11 +68,11 @@ def _head(trial: Trial) -> dict[str, Any]:
 
 
 def diagnose_run(run: Path, left_out: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the JSON of the diagnosis of a run, made in this process."""
+    """Return the JSON of the diagnosis of a run, made in this process, without what to measure next."""
     from bench.diagnosis.diagnosis import Diagnosis
 
     with Diagnosis(run, seed=1, workers=1, without=left_out) as diagnosis:
-        found: dict[str, Any] = diagnosis.run(most=MOST).to_dict()
+        found: dict[str, Any] = diagnosis.run(most=MOST, measure_next=False).to_dict()
     return found
 
 
