@@ -263,7 +263,13 @@ class Diagnosis:
             shortened=self.shortened,
             stopped=stopped,
             cautions=self.cautions,
+            not_asked=self._not_asked(states[-1]) if states else {},
         )
+
+    def _not_asked(self, state: State) -> dict[str, str]:
+        """Return the effects that are neither in the model nor candidates, and why."""
+        known = {*(e.id for e in state.fit.model.effects), *(one.effect.id for one in state.scores.probes)}
+        return {name: self._why_not(name, state) for name in effects() if name not in known}
 
     def _next_measurement(
         self, states: Sequence[State], missing: Sequence[str], ties: dict[str, tuple[str, ...]]

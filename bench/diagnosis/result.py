@@ -151,6 +151,7 @@ class Outcome:
     shortened: str = ""  #: how much of the recordings was looked at, where it was not all
     stopped: bool = False  #: before all was tried that is known: by a person, or at the most effects that were asked
     cautions: tuple[str, ...] = ()  #: what is to be known of data that are fit to be judged
+    not_asked: dict[str, str] = field(default_factory=dict)  #: effects that could not be looked for, and why
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and texts, as they stand in the JSON."""
@@ -166,6 +167,7 @@ class Outcome:
             "ties": {key: list(value) for key, value in self.ties.items()},
             "remainder": [r.to_dict() for r in self.remainder],
             "next_measurement": self.next_measurement or None,
+            "not_asked": dict(self.not_asked),
         }
 
 

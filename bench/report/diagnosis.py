@@ -11,6 +11,7 @@ from bench.diagnosis.telling.wording import (
     apart_line,
     blind,
     fall_text,
+    not_asked_lines,
     p_text,
     remainder_text,
     shortened_parts,
@@ -128,6 +129,8 @@ def _section(outcome: Outcome, figures: tuple[Shown, ...]) -> DiagnosisSection:
     notes += [f"{capital(apart)}."] if apart is not None else []
     unseen = blind(outcome) if outcome.verdict == "nothing_missing" else []
     notes += [f"Not to be seen in these data at any size: {', '.join(_words(unseen))}."] if unseen else []
+    if outcome.verdict in ("nothing_missing", "unexplained"):
+        notes += [f"{capital(line)}." for line in not_asked_lines(outcome)]
     return DiagnosisSection(
         runs=outcome.runs,
         verdict=capital(verdict_line(outcome).removeprefix("verdict: ")),

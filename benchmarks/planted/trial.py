@@ -79,7 +79,7 @@ def diagnose_run(run: Path, left_out: tuple[str, ...] = ()) -> dict[str, Any]:
 def _kept(found: dict[str, Any]) -> dict[str, Any]:
     """Return a diagnosis without what no score needs: a file of hundreds is to be kept beside its report."""
     steps = [{k: v for k, v in step.items() if k not in ("candidates", "worst")} for step in found["steps"]]
-    return {**found, "steps": steps}
+    return {k: v for k, v in found.items() if k != "not_asked"} | {"steps": steps}
 
 
 def _plain(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -27,6 +27,7 @@ __all__ = [
     "gain_of",
     "head_line",
     "lines_of",
+    "not_asked_lines",
     "number_lines",
     "on_axis",
     "p_text",
@@ -105,6 +106,15 @@ def end_lines(outcome: Outcome) -> Iterator[str]:
         yield line
     if outcome.verdict == "nothing_missing":
         yield from smallest_lines(outcome)
+    if outcome.verdict in ("nothing_missing", "unexplained"):
+        yield from not_asked_lines(outcome)
+
+
+def not_asked_lines(outcome: Outcome) -> Iterator[str]:
+    """Yield the effects that could not be looked for, with the reason that each group of them has."""
+    for why in dict.fromkeys(outcome.not_asked.values()):
+        names = sorted(name for name, its in outcome.not_asked.items() if its == why)
+        yield f"not looked for: {_listed(names)} ({why})"
 
 
 def number_lines(step: Step) -> Iterator[str]:

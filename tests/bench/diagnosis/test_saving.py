@@ -14,6 +14,7 @@ from bench.diagnosis.result import Remainder
 from bench.diagnosis.telling.by_axis import by_axis
 from bench.diagnosis.telling.reading import read_bins, read_outcome
 from bench.diagnosis.telling.saving import save_outcome
+from bench.diagnosis.telling.wording import apart_line
 from protocols.errors import InputError
 from sim_backend.pixel import read_model_file
 
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
 def test_what_is_written_is_read(
     explained: Outcome, residuals_of: Callable[[float], tuple[Residual, ...]], tmp_path: Path
 ) -> None:
-    whole = replace(explained, remainder=(Remainder("time", "second half", 0.03, 6.1),))
+    why = {"nd_error": "no filter was in the light"}
+    whole = replace(explained, remainder=(Remainder("time", "second half", 0.03, 6.1),), not_asked=why)
     save_outcome(whole, tmp_path, {0: (residuals_of(88.0), None), 1: (residuals_of(0.5), None)})
     assert {p.name for p in tmp_path.iterdir()} == {"diagnosis.json", "model.yaml", "residuals.csv", "by_axis.csv"}
     assert read_outcome(tmp_path / "diagnosis.json") == whole  # the model is not compared
@@ -85,6 +87,21 @@ def test_what_an_earlier_diagnosis_left_is_not_taken_for_this_one(explained: Out
     assert {p.name for p in tmp_path.iterdir()} == {"diagnosis.json", "model.yaml"}
     save_outcome(replace(explained, steps=(), model=None, verdict="data_not_fit_to_judge"), tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {"diagnosis.json"}
+
+
+def test_that_no_protocol_helps_comes_back_and_that_none_was_looked_for_does_not(
+    explained: Outcome, tmp_path: Path
+) -> None:
+    for one, said in (
+        (replace(explained, next_measurement={}), "no protocol that is known here tells dark_current"),
+        (replace(explained, next_measurement=None, stopped=True), None),
+        (replace(explained, next_measurement=None, ties={}), None),
+    ):
+        save_outcome(one, tmp_path)
+        read = read_outcome(tmp_path / "diagnosis.json")
+        assert read == one
+        line = apart_line(read)
+        assert line is None if said is None else line is not None and line.startswith(said)
 
 
 def test_a_search_that_was_stopped_is_read_as_one(explained: Outcome, tmp_path: Path) -> None:

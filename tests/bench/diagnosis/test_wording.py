@@ -80,6 +80,20 @@ def test_what_was_only_nearly_as_good_is_not_called_tied(explained: Outcome) -> 
     )
 
 
+def test_what_could_not_be_looked_for_is_told_where_something_may_be_missing_all_the_same(
+    nothing_missing: Outcome, explained: Outcome
+) -> None:
+    why = {"nd_error": "no filter was in the light", "contrast_error": "thresholds", "injection_offset": "thresholds"}
+    lines = list(lines_of(replace(nothing_missing, not_asked=why)))
+    assert lines[-2:] == [
+        "not looked for: nd_error (no filter was in the light)",
+        "not looked for: contrast_error and injection_offset (thresholds)",
+    ]
+    assert lines == [*lines_of(nothing_missing), *lines[-2:]]
+    assert "not looked for" in "\n".join(lines_of(replace(explained, verdict="unexplained", not_asked=why)))
+    assert "not looked for" not in "\n".join(lines_of(replace(explained, not_asked=why)))
+
+
 def test_nothing_missing_says_what_would_have_been_seen(nothing_missing: Outcome) -> None:
     text = "\n".join(lines_of(nothing_missing))
     assert "verdict: nothing is missing. The error is 1.02" in text
