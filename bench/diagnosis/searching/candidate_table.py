@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.expected.catalogue import is_of_few
 from bench.diagnosis.fitting.judging import deviance, deviance_per_dof, freedom, heldout, loss_left, step_of
 from bench.diagnosis.result import Candidate
 
@@ -57,7 +58,7 @@ def _candidates(state: State, ties: Mapping[str, tuple[str, ...]]) -> Iterator[C
             None if found is None else before - found.deviance / n,
             float(scores.p_best[i]),
             ties.get(name, ()),
-            _smallest(scores, int(i)),
+            _smallest(scores, int(i), max(point.roi.pixels for point in problem.points)),
             None if found is None else _finite(unseen - heldout(found.beside(problem), found.fit)),
         )
 
@@ -66,13 +67,16 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _smallest(scores: Scores, i: int) -> float | None:
+def _smallest(scores: Scores, i: int, pixels: int) -> float | None:
     """Return the least size of an effect that would have been seen, in the unit of its first number.
 
-    None where it is beyond what such a number is believed to be: the effect cannot be seen.
+    None where it is beyond what such a number is believed to be: the effect cannot be seen. Of what few pixels have,
+    one of those that are looked at has it at the least.
     """
     one, seen = scores.probes[i], float(scores.seen[i])
     if seen <= 0.0:
         return None
     free, at = one.free[0], abs(one.at[0]) * _DETECTED / seen
-    return free.value(at) if at <= free.range[1] else None
+    if at > free.range[1]:
+        return None
+    return max(free.value(at), 1.0 / pixels) if is_of_few(one.effect.id) else free.value(at)
