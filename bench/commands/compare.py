@@ -57,13 +57,11 @@ def command(
         comparison = compare(opened, model, seed=seed, workforce=processes(workers), tell=tell, whole=whole)
         tell("looking at the pixels' places")
         found = patterns(pixel_map([p for run in opened for p in run.points()]))
-        places = worst_places(comparison.residuals, comparison.correlation)
-        content = comparison_dict(comparison, found)
-        tell("drawing the figures")
-        folder.mkdir(exist_ok=True)
-        save_comparison(comparison, content, folder)
-        page = write_comparison(comparison, places, found, folder)
+    places = worst_places(comparison.residuals, comparison.correlation)
     bins = by_axis(comparison.residuals, comparison.correlation)
+    content = comparison_dict(comparison, found)
+    folder.mkdir(exist_ok=True)
+    save_comparison(comparison, content, folder)
     if as_json:
         print_json(content)
     else:
@@ -71,4 +69,7 @@ def command(
         but = (f"fit to judge, but {caution}" for caution in comparison.cautions)
         for line in (*but, *comparison_lines(comparison, places, found), "", *axis_lines(bins)):
             click.echo(line)
+    with Teller() as tell:
+        tell("drawing the figures")
+        page = write_comparison(comparison, places, found, folder)
     say(f"the fitted model, all residuals and figures are in {folder}; open {page} in a browser")

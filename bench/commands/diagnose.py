@@ -167,7 +167,9 @@ def _save(outcome: Outcome, residuals: ResidualsByStep, folder: Path) -> None:
 
 def _reasons_alone(outcome: Outcome) -> Outcome:
     """Return why the data are not fit to be judged, without what a person looked at all the same."""
-    return replace(outcome, steps=(), missing=(), ties={}, remainder=(), next_measurement=None, model=None)
+    return replace(
+        outcome, steps=(), missing=(), ties={}, remainder=(), next_measurement=None, model=None, not_asked={}
+    )
 
 
 def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None], but: Sequence[str]) -> Outcome:

@@ -167,6 +167,7 @@ class Outcome:
             "ties": {key: list(value) for key, value in self.ties.items()},
             "remainder": [r.to_dict() for r in self.remainder],
             "next_measurement": self.next_measurement or None,
+            "no_measurement_helps": self.next_measurement == {},
             "not_asked": dict(self.not_asked),
         }
 

@@ -109,8 +109,7 @@ class Session:
             late_us = abs(problem.forward.late_us - self.problem.forward.late_us)
             if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _STANDS_IN:
                 break
-            # What numbers change does not depend on some microseconds by more than their latencies do.
-            again = finish(problem, from_here(problem, found, seed + 10 * number), known=found.jacobian)
+            again = finish(problem, from_here(problem, found, seed + 10 * number), known=found)
             worse = deviance_per_dof(problem, again) >= deviance_per_dof(self.problem, found)
             if worse and leaves_more_than_chance(problem, again):
                 break

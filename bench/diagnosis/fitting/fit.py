@@ -80,7 +80,7 @@ def fit(
 
 def finish(
     problem: Problem, near: Approach, *, precise: bool = False, beat: float = math.inf, effort: float = 1.0,
-    known: Floats | None = None,
+    known: Fit | None = None,
 ) -> Fit:  # fmt: skip
     """Go to the minimum with more effort, and return the fit there.
 
@@ -93,7 +93,7 @@ def finish(
     effort
         So many times as much is simulated as usual.
     known
-        (2, n, k) changes by coordinate that hold here; None: they are simulated.
+        A fit of the same model whose changes by coordinate hold here; None: they are simulated.
     """
     model, slots, start = near.model, near.slots, near.start
     there = _minimum(problem, near, precise, beat, effort, known)
@@ -149,7 +149,7 @@ class _Minimum:
 
 
 def _minimum(
-    problem: Problem, near: Approach, precise: bool, beat: float, times: float, known: Floats | None
+    problem: Problem, near: Approach, precise: bool, beat: float, times: float, known: Fit | None
 ) -> _Minimum:  # fmt: skip
     """Go from place to place; what is expected is known from all that are close by, the better the more there are."""
     model, slots, at, start, seed = near.model, near.slots, near.at, near.start, near.seed + 1
@@ -167,7 +167,10 @@ def _minimum(
     # The larger the residuals, the less do changes need to be known to lower them.
     effort = max(_SHARP * hopeless / max(least, hopeless), _BLUNT) if close else _BLUNT
     around: Around | AsBefore
-    around = AsBefore(known) if known is not None else _looked_around(problem, near, here, close, effort * more)
+    if known is None:
+        around = _looked_around(problem, near, here, close, effort * more)
+    else:
+        around = AsBefore(problem, slots, known)
     around.add(at, sensors)
     jacobian = around.slopes(at, here)
     visited, seen = [(at, here)], [sensors]

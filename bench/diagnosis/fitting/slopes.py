@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.expected.forward import Sensor
     from bench.diagnosis.expected.problem import Problem, Slot
     from bench.diagnosis.expected.residuals import Expectation
+    from bench.diagnosis.fitting.fitted import Fit
     from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
@@ -84,16 +85,25 @@ class Around:
 
 @dataclass(frozen=True)
 class AsBefore:
-    """Changes by coordinate as an earlier fit knows them, where they hardly differ: nothing is simulated for them."""
+    """Changes by coordinate as an earlier fit knows them, but for what later events do to latencies.
 
-    jacobian: Floats  #: (2, n, k)
+    Nothing is simulated for them. The logarithm of a latency changes the less the longer the latency is.
+    """
+
+    problem: Problem
+    slots: Sequence[Slot]
+    fit: Fit
 
     def add(self, _at: Floats, _sensors: Sequence[Sensor]) -> None:
         """Leave them as they are."""
 
-    def slopes(self, _at: Floats, _here: Expectation) -> Floats:
+    def slopes(self, _at: Floats, here: Expectation) -> Floats:
         """Return (2, n, k) the changes."""
-        return self.jacobian
+        late, before = later(self.problem, here), later(self.problem, self.fit)
+        known = (late != 0.0) & (before != 0.0)
+        out = self.fit.jacobian * np.divide(late, before, out=np.ones_like(late), where=known)[:, None]
+        out[:, :, [delays(slot.free) for slot in self.slots]] = late[:, None]
+        return np.asarray(out)
 
 
 def slopes(

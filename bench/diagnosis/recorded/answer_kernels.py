@@ -56,7 +56,7 @@ def find_answers(t_us, pixel, p, windows, pulses, begin, own, other, first_s, se
     Parameters
     ----------
     t_us, pixel, p
-        (n,) of the events, in order of time for each pixel.
+        (n,) of the events, in order of time for each sensor.
     windows
         For OFF and for ON each: (w,) start, stop and edge, us; group; number in the group.
     pulses, begin
@@ -71,7 +71,7 @@ def find_answers(t_us, pixel, p, windows, pulses, begin, own, other, first_s, se
     before = t_us[0] if len(t_us) > 0 else np.int64(0)
     for i in range(len(t_us)):
         t = t_us[i]
-        if t < before:  # those of the next sensor
+        if t < before:  # time goes back where those of the next sensor begin
             at = np.int64(-1), np.int64(-1)
         before = t
         at = _last_before(t, windows[0][0], at[0]), _last_before(t, windows[1][0], at[1])

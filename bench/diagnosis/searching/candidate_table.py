@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.analysis.tally import active_pixels
 from bench.diagnosis.expected.catalogue import is_of_few
 from bench.diagnosis.fitting.judging import deviance, deviance_per_dof, freedom, heldout, loss_left, step_of
 from bench.diagnosis.result import Candidate
@@ -48,7 +49,9 @@ def _candidates(state: State, ties: Mapping[str, tuple[str, ...]]) -> Iterator[C
     problem, scores = state.problem, state.scores
     before, unseen, n = deviance_per_dof(problem, state.fit), heldout(problem, state.fit), freedom(state.fit)
     # The screen expects a fall of the loss, in which large residuals count by their size: as a share of what is left.
-    each = deviance(problem, state.fit) / loss_left(problem, state.fit) / n
+    left = loss_left(problem, state.fit)
+    each = deviance(problem, state.fit) / left / n if left > 0.0 else 0.0  # without an event nothing is left
+    pixels = max(int(active_pixels(point).sum()) for point in problem.points)
     for i in np.argsort(-scores.drop, kind="stable"):
         name = scores.probes[i].effect.id
         found = state.refitted.get(name)
@@ -58,7 +61,7 @@ def _candidates(state: State, ties: Mapping[str, tuple[str, ...]]) -> Iterator[C
             None if found is None else before - found.deviance / n,
             float(scores.p_best[i]),
             ties.get(name, ()),
-            _smallest(scores, int(i), max(point.roi.pixels for point in problem.points)),
+            _smallest(scores, int(i), pixels),
             None if found is None else _finite(unseen - heldout(found.beside(problem), found.fit)),
         )
 
@@ -77,6 +80,6 @@ def _smallest(scores: Scores, i: int, pixels: int) -> float | None:
     if seen <= 0.0:
         return None
     free, at = one.free[0], abs(one.at[0]) * _DETECTED / seen
-    if at > free.range[1]:
-        return None
-    return max(free.value(at), 1.0 / pixels) if is_of_few(one.effect.id) else free.value(at)
+    if is_of_few(one.effect.id):
+        at = max(at, free.coordinate(1.0 / pixels))
+    return free.value(at) if at <= free.range[1] else None

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Sequence
+    from collections.abc import Container, Hashable, Iterable, Sequence
 
     import numpy.typing as npt
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["ALL_VIEWS", "AXES", "UNITS", "Axis", "Bin", "Place", "by_axis", "first_places", "worst_places"]
+__all__ = ["ALL_VIEWS", "AXES", "UNITS", "Axis", "Bin", "Place", "by_axis", "first_places", "in_both", "worst_places"]
 
 Axis = Literal[
     "anywhere", "illuminance", "contrast", "pulse width", "polarity", "ND filter", "order", "halves"
@@ -112,6 +112,32 @@ def by_axis(residuals: Sequence[Residual], correlation: Floats | None = None) ->
             parts = [where[mine[where]] for where in groups]
             found += (_bin(axis, view, values, p, residuals, correlation) for p in parts if p.size)
     return tuple(found)
+
+
+def in_both(
+    one: tuple[Sequence[Residual], Floats | None], other: tuple[Sequence[Residual], Floats | None]
+) -> tuple[tuple[Bin, ...], tuple[Bin, ...]]:
+    """Return the residuals of two models along every axis, of those statistics alone that both know.
+
+    Parameters
+    ----------
+    one, other
+        Residuals, and their correlation where it is known.
+    """
+    known = {_statistic(r) for r in one[0]} & {_statistic(r) for r in other[0]}
+    first, second = (by_axis(*_those(known, *each)) for each in (one, other))
+    return first, second
+
+
+def _statistic(one: Residual) -> Hashable:
+    return one.view, one.part, one.point, one.log_contrast, f"{one.width_s:g}"  # no two NaN are the same
+
+
+def _those(
+    which: Container[Hashable], residuals: Sequence[Residual], correlation: Floats | None
+) -> tuple[list[Residual], Floats | None]:
+    mine = [i for i, r in enumerate(residuals) if _statistic(r) in which]
+    return [residuals[i] for i in mine], None if correlation is None else correlation[np.ix_(mine, mine)]
 
 
 def _value(axis: Axis, one: Residual) -> float:

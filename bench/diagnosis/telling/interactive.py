@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from bench.diagnosis.telling.axis_wording import flattening_lines
-from bench.diagnosis.telling.by_axis import by_axis, first_places
+from bench.diagnosis.telling.by_axis import first_places, in_both
 from bench.diagnosis.telling.wording import end_lines, fall_line, gain_of, step_lines
 from protocols.errors import InputError
 from sim_backend.pixel.effects.registry import effects
@@ -57,7 +57,7 @@ def watch(
     diagnosis: Stepwise,
     ask: Callable[[str], str | None],
     show: Callable[[str], None],
-    residuals: Callable[[], ResidualsByStep] = dict,
+    residuals: Callable[[], ResidualsByStep] = lambda: {},
 ) -> Outcome:
     """Show each step, do what is asked for, and return the outcome in the end.
 
@@ -90,9 +90,10 @@ def watch(
         except InputError as error:
             show(str(error))
             continue
-        _show_step(diagnosis, show, residuals())
+        left = residuals()
+        _show_step(diagnosis, show, left)
         if choice.what == "add":
-            _show_fall(diagnosis, show, residuals())
+            _show_fall(diagnosis, show, left)
     outcome = diagnosis.outcome()
     for line in end_lines(outcome):
         show(line)
@@ -157,5 +158,5 @@ def _show_fall(diagnosis: Stepwise, show: Callable[[str], None], residuals: Resi
     before, after = diagnosis.steps[-2:]
     show(fall_line(before, after))
     if before.number in residuals and after.number in residuals:
-        for line in flattening_lines(*(by_axis(*residuals[one.number]) for one in (before, after))):
+        for line in flattening_lines(*in_both(*(residuals[one.number] for one in (before, after)))):
             show(f"{' ' * 8}{line}")

@@ -42,11 +42,6 @@ def read_outcome(path: Path) -> Outcome:
         ) from None
 
 
-def _nothing_helps(content: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return what null stands for: nothing helps where effects are tied, if the search was not cut short."""
-    return {} if content["ties"] and not content.get("stopped", False) else None
-
-
 def _outcome(content: Mapping[str, Any]) -> Outcome:
     quality = content["data_quality"]
     told = tuple(quality["findings"])
@@ -58,7 +53,7 @@ def _outcome(content: Mapping[str, Any]) -> Outcome:
         missing=tuple(content["missing"]),
         ties={key: tuple(names) for key, names in content["ties"].items()},
         remainder=tuple(Remainder(**_numbers(r, "size", "z")) for r in content["remainder"]),
-        next_measurement=content["next_measurement"] or _nothing_helps(content),
+        next_measurement={} if content.get("no_measurement_helps", False) else content["next_measurement"],
         shortened=quality.get("looked_at", ""),
         stopped=bool(content.get("stopped", False)),
         cautions=told if quality["ok"] else (),

@@ -44,11 +44,12 @@ class Neighbours(View):
         """Yield the share."""
         from bench.diagnosis.recorded.answer_kernels import count_together
 
-        t, pixel, n, roi = recording.t_us, recording.pixel, recording.frame.pixels, recording.frame.point.roi
+        t, pixel, n, roi = recording.t_us, recording.pixel, recording.pixels, recording.frame.point.roi
         # Events of one time come row by row: without another order neighbours would follow each other.
         shuffled = pixel * _SHUFFLE % 2**32 >> 16
         order = np.argsort((t << 16) + shuffled, kind="stable")
-        row, column = np.divmod(np.flatnonzero(recording.frame.rank >= 0), roi.width)
+        place = np.tile(np.flatnonzero(recording.frame.rank >= 0), recording.sensors)
+        row, column = np.divmod(place, roi.width)
         top = np.zeros(n)
         count_together(
             t, pixel, recording.p, order, column, row, _TOGETHER_US, _LOOKED_BACK,

@@ -29,8 +29,8 @@ _TITLE_LETTERS: Final = 34
 _TICKS: Final = 4
 #: Half of a 90 % interval, in standard errors.
 _HALF: Final = 1.645
-#: An axis is logarithmic where all numbers are above zero, and as far apart as this.
-_DECADES: Final = 30.0
+#: An axis is logarithmic where all numbers are above zero, and the largest is so many times the smallest.
+_FAR_APART: Final = 30.0
 _ROOM: Final = 0.06
 _PARTS: Final[tuple[Part, ...]] = ("on", "off", "both")
 
@@ -85,9 +85,9 @@ def _panel(title: str, mine: Sequence[Residual]) -> Panel:
             sides.append(Side(part, *np.array(numbers, np.float64).T))
     ends = np.concatenate([e for s in sides for e in (s.measured, s.expected)])
     low, high = float(ends.min()), float(ends.max())
-    if low > 0.0 and high > _DECADES * low:
+    if low > 0.0 and high > _FAR_APART * low:
         return Panel(title, tuple(sides), "log", *style.spread_over((low, high)))
-    room = _ROOM * (high - low) or max(*(float(s.sd.max()) for s in sides), 1e-12)
+    room = _ROOM * (high - low) or max(*(float(s.sd.max()) for s in sides), 1e-6 * abs(high), 1e-12)
     return Panel(title, tuple(sides), "linear", low - room, high + room)
 
 

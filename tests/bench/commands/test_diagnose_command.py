@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from dataclasses import replace
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import pytest
@@ -257,7 +258,12 @@ def test_by_hand_data_that_are_not_fit_are_looked_at_and_nothing_but_the_reasons
 ) -> None:
     diagnose()
     assert (tmp_path / "diagnosis/model.yaml").exists()
-    Stub.found = replace(explained, findings=("too few events",), verdict="data_not_fit_to_judge")
+    unfit: dict[str, Any] = {
+        "findings": ("too few events",),
+        "verdict": "data_not_fit_to_judge",
+        "not_asked": {"leak": "-"},
+    }
+    Stub.found = replace(explained, **unfit)
     done = diagnose("--interactive", *options, input="\nq\n")
     told = done.stderr if options else done.stdout
     assert "not fit to judge: too few events\n" in told
@@ -267,7 +273,21 @@ def test_by_hand_data_that_are_not_fit_are_looked_at_and_nothing_but_the_reasons
     written = json.loads((tmp_path / "diagnosis/diagnosis.json").read_text())
     assert (written["verdict"], written["steps"], written["missing"]) == ("data_not_fit_to_judge", [], [])
     assert written["data_quality"] == {"ok": False, "findings": ["too few events"]}
+    assert written["not_asked"] == {}
     assert not options or json.loads(done.stdout) == written
+
+
+def test_a_run_without_an_event_is_looked_at_by_hand(tmp_path: Path) -> None:
+    sweep = "sweep: {illuminance_lux: [100], contrast: {scale: log, values: [0.02, 0.03]}}"
+    stimulus = f"stimulus: {{kind: square, frequency_hz: 10}}\n    {sweep}"
+    text = PROTOCOL[: PROTOCOL.index("stimulus:")] + stimulus + "\npulses: 3\n"
+    (tmp_path / "faint.yaml").write_text(text)
+    ideal = str(files("bench") / "stations" / "simulated_ideal.yaml")
+    assert cli.run(["run", str(tmp_path / "faint.yaml"), "--station", ideal, "--out", str(tmp_path / "run")]) == 0
+    done = CliRunner().invoke(command, [str(tmp_path / "run"), "--interactive", "--workers", "1"], input="q\n")
+    assert done.exit_code == 0, done.output
+    assert "not fit to judge: 0 events" in done.stdout
+    assert "step 0  " in done.stdout
 
 
 @pytest.mark.parametrize("options", [(), ("--interactive",)])

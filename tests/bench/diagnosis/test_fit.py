@@ -68,7 +68,7 @@ def test_little_is_looked_at_where_that_is_no_use(
         finish(session.problem, near)
         finish(session.problem, near, beat=0.1 * near.loss)
         looked = len(efforts)
-        finish(session.problem, near, known=found.jacobian)
+        finish(session.problem, near, known=found)
     assert efforts[0] > 3.0 * efforts[1]
     assert len(efforts) == looked  # what the numbers change was known
 

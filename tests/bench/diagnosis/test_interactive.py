@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -76,11 +77,14 @@ def test_residuals_are_seen_to_flatten_where_they_stood_out(explained: Outcome) 
     """The error falls in dim light, and the response is what it falls in."""
 
     def left(view: str, lux: float, z: float) -> Residual:
-        return Residual(view, "on", 0, lux, 0.4, 0.1, 0.0, 0.5, 0.5, 0.1, z)
+        return Residual(view, "on", round(lux), lux, 0.4, 0.1, 0.0, 0.5, 0.5, 0.1, z)
+
+    new = replace(left("latency", 10.0, 7.0), width_s=math.nan)
 
     steps = {
         0: ([left("response", 0.1, 9.0), left("response", 10.0, 1.0), left("latency", 0.1, 0.6)], None),
-        1: ([left("response", 0.1, 1.2), left("response", 10.0, 1.0), left("latency", 0.1, 0.6)], None),
+        # of what only one of two models knows it cannot be said that it flattens
+        1: ([left("response", 0.1, 1.2), left("response", 10.0, 1.0), left("latency", 0.1, 0.6), new], None),
     }
     told: list[str] = []
     answers = iter(["", None])
@@ -94,7 +98,8 @@ def test_residuals_are_seen_to_flatten_where_they_stood_out(explained: Outcome) 
         ["illuminance", "100", "mlux", "40.7", "0.90"],
         ["illuminance", "10", "lux", "1.00", "1.00"],
     ]
-    assert told[begin + 5].startswith("the model now")  # one contrast, one width: nothing to compare
+    assert [line.split()[:2] for line in told[begin + 5 : begin + 7]] == [["point", "0"], ["point", "10"]]
+    assert told[begin + 7].startswith("the model now")  # one contrast, one width: nothing to compare
 
 
 @pytest.mark.parametrize(

@@ -94,8 +94,8 @@ def test_that_no_protocol_helps_comes_back_and_that_none_was_looked_for_does_not
 ) -> None:
     for one, said in (
         (replace(explained, next_measurement={}), "no protocol that is known here tells dark_current"),
-        (replace(explained, next_measurement=None, stopped=True), None),
-        (replace(explained, next_measurement=None, ties={}), None),
+        (replace(explained, next_measurement={}, stopped=True), "no protocol that is known here tells dark_current"),
+        (replace(explained, next_measurement=None), None),
     ):
         save_outcome(one, tmp_path)
         read = read_outcome(tmp_path / "diagnosis.json")
