@@ -71,5 +71,5 @@ def command(
             click.echo(line)
     with Teller() as tell:
         tell("drawing the figures")
-        page = write_comparison(comparison, places, found, folder)
+        page = write_comparison(comparison, bins, places, found, folder)
     say(f"the fitted model, all residuals and figures are in {folder}; open {page} in a browser")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import threading
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -167,9 +166,12 @@ def _save(outcome: Outcome, residuals: ResidualsByStep, folder: Path) -> None:
 
 def _reasons_alone(outcome: Outcome) -> Outcome:
     """Return why the data are not fit to be judged, without what a person looked at all the same."""
-    return replace(
-        outcome, steps=(), missing=(), ties={}, remainder=(), next_measurement=None, model=None, not_asked={}
-    )
+    from bench.diagnosis.result import Outcome
+
+    return Outcome(
+        runs=outcome.runs, findings=outcome.findings, steps=(), verdict=outcome.verdict, missing=(), ties={},
+        shortened=outcome.shortened, stopped=outcome.stopped, cautions=outcome.cautions,
+    )  # fmt: skip
 
 
 def _by_hand(diagnosis: Diagnosis, tell: Teller, show: Callable[[str], None], but: Sequence[str]) -> Outcome:

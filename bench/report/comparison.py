@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.telling.by_axis import ALL_VIEWS, by_axis
-from bench.diagnosis.telling.quantities import number_text
+from bench.diagnosis.telling.by_axis import told_bins
 from bench.diagnosis.telling.wording import error_text, pattern_lines, place_text, shortened_parts
 from bench.diagnosis.views.registry import views
 from bench.report import captions
-from bench.report.figures import measured_predicted, misfit_map, residual_axes
+from bench.report.figures import measured_predicted
+from bench.report.residual_pictures import fitted_cell, fitted_name, residual_pictures
 from bench.report.results_table import Cell, Table
 from bench.report.showing import FIGURES, Picture, show
 from bench.report.wording import capital
@@ -46,12 +46,14 @@ class _Section:
 
 
 def write_comparison(
-    comparison: Comparison, places: Sequence[Place], patterns: Sequence[Pattern], folder: Path
+    comparison: Comparison, bins: Sequence[Bin], places: Sequence[Place], patterns: Sequence[Pattern], folder: Path
 ) -> Path:
     """Write the page of a comparison and its figures into `folder`, and return the path of the page.
 
     Parameters
     ----------
+    bins
+        Its residuals along every axis.
     places
         Where the model fails most, the worst first.
     patterns
@@ -59,7 +61,6 @@ def write_comparison(
     """
     from bench.report.template import template
 
-    bins = by_axis(comparison.residuals, comparison.correlation)
     pictures = comparison_pictures(comparison, bins)
     notes = [f"Not fit to judge: {finding}." for finding in comparison.findings]
     notes += [f"Fit to judge, but {caution}." for caution in comparison.cautions]
@@ -93,26 +94,12 @@ def comparison_pictures(comparison: Comparison, bins: Sequence[Bin]) -> Iterator
             "comparison_views", "Measured against predicted", captions.measured_predicted(against),
             lambda: measured_predicted.draw(against),
         )  # fmt: skip
-    along = residual_axes.prepare({0: bins}, _LABELS)
-    if along is not None:
-        yield Picture(
-            "comparison_residuals", "Residuals against every axis", captions.residual_axes(along),
-            lambda: residual_axes.draw(along),
-        )  # fmt: skip
-    cells = misfit_map.prepare({0: bins}, _LABELS)
-    if cells is not None:
-        yield Picture(
-            "comparison_map", "Which statistics disagree, and where", captions.misfit_map(cells),
-            lambda: misfit_map.draw(cells),
-        )  # fmt: skip
+    yield from residual_pictures("comparison", {0: bins}, _LABELS)
 
 
 def _parameters(comparison: Comparison) -> Table:
-    rows = []
-    for key, value in comparison.step.parameters.items():
-        text, _, interval = number_text(value).partition(" (")
-        rows.append((Cell(key.replace(".", ": ").replace("_", " ")), Cell(text, interval.removesuffix(")"))))
-    return Table((("number", ""), ("fitted", "")), tuple(rows), 1)
+    rows = tuple((fitted_name(key), fitted_cell(value)) for key, value in comparison.step.parameters.items())
+    return Table((("number", ""), ("fitted", "")), rows, 1)
 
 
 def _views(bins: Sequence[Bin]) -> Table:
@@ -125,6 +112,6 @@ def _views(bins: Sequence[Bin]) -> Table:
             b.view.replace("_", " "), f"{b.count}", f"{b.square:.2f}", f"1 \u00b1 {b.square_sd:.2f}",
             f"{b.mean:+.2f}", f"0 \u00b1 {b.mean_sd:.2f}",
         )))
-        for b in bins if b.axis == "anywhere" and b.view != ALL_VIEWS
+        for b in told_bins(bins, "anywhere")
     ]  # fmt: skip
     return Table(heads, tuple(rows), 1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.telling.quantities import number_text
 from bench.diagnosis.telling.reading import BINS_FILE, JSON_FILE, read_bins, read_outcome
 from bench.diagnosis.telling.wording import (
     apart_line,
@@ -20,7 +19,8 @@ from bench.diagnosis.telling.wording import (
     verdict_line,
 )
 from bench.report import captions
-from bench.report.figures import error_fall, misfit_map, ranking, residual_axes
+from bench.report.figures import error_fall, ranking
+from bench.report.residual_pictures import fitted_cell, fitted_name, residual_pictures
 from bench.report.results_table import Cell, Table
 from bench.report.showing import FIGURES, Picture, show
 from bench.report.wording import MISSING, capital
@@ -103,18 +103,7 @@ def diagnosis_pictures(outcome: Outcome, bins: Mapping[int, Sequence[Bin]]) -> I
         yield Picture(
             "diagnosis_error", "The fall of the error", captions.error_fall(fall), lambda: error_fall.draw(fall)
         )
-    along = residual_axes.prepare(known, labels)
-    if along is not None:
-        yield Picture(
-            "diagnosis_residuals", "Residuals against every axis", captions.residual_axes(along),
-            lambda: residual_axes.draw(along),
-        )  # fmt: skip
-    cells = misfit_map.prepare(known, labels)
-    if cells is not None:
-        yield Picture(
-            "diagnosis_map", "Which statistics disagree, and where", captions.misfit_map(cells),
-            lambda: misfit_map.draw(cells),
-        )  # fmt: skip
+    yield from residual_pictures("diagnosis", known, labels)
     ranks = ranking.prepare(outcome)
     if ranks is not None:
         yield Picture(
@@ -129,8 +118,7 @@ def _section(outcome: Outcome, figures: tuple[Shown, ...]) -> DiagnosisSection:
     notes += [f"{capital(apart)}."] if apart is not None else []
     unseen = blind(outcome) if outcome.verdict == "nothing_missing" else []
     notes += [f"Not to be seen in these data at any size: {', '.join(_words(unseen))}."] if unseen else []
-    if outcome.verdict in ("nothing_missing", "unexplained"):
-        notes += [f"{capital(line)}." for line in not_asked_lines(outcome)]
+    notes += [f"{capital(line)}." for line in not_asked_lines(outcome)]
     return DiagnosisSection(
         runs=outcome.runs,
         verdict=capital(verdict_line(outcome).removeprefix("verdict: ")),
@@ -162,15 +150,8 @@ def _parameters(outcome: Outcome) -> Table:
     keys = list(dict.fromkeys(k for s in outcome.steps for k in s.parameters))
     heads = (("number", ""), *((f"step {s.number}", "" if s.added is None else f"+ {_word(s.added)}")
                                for s in outcome.steps))  # fmt: skip
-    rows = []
-    for key in keys:
-        cells = []
-        for step in outcome.steps:
-            value = step.parameters.get(key)
-            text, _, interval = ("", "", "") if value is None else number_text(value).partition(" (")
-            cells.append(Cell(text or MISSING, interval.removesuffix(")")))
-        rows.append((Cell(_word(key.replace(".", ": "))), *cells))
-    return Table(heads, tuple(rows), 1)
+    rows = tuple((fitted_name(key), *(fitted_cell(s.parameters.get(key)) for s in outcome.steps)) for key in keys)
+    return Table(heads, rows, 1)
 
 
 def _candidates(candidates: Sequence[Candidate]) -> Table | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from bench.diagnosis.telling.by_axis import ALL_VIEWS, AXES
+from bench.diagnosis.telling.by_axis import AXES, told_bins
 from bench.diagnosis.telling.wording import on_axis, significant
 
 if TYPE_CHECKING:
@@ -57,37 +57,25 @@ def axis_lines(bins: Sequence[Bin]) -> Iterator[str]:
 
     An asterisk marks what is further off than chance takes a true model.
     """
-    views = [b for b in bins if b.axis == "anywhere" and b.view != ALL_VIEWS]
-    yield from _table("view", [(b.view.replace("_", " "), b, b) for b in views], "mean z")
+    yield from _table("view", [(b.view.replace("_", " "), b, b) for b in told_bins(bins, "anywhere")], "mean z")
     responses = {(b.axis, b.low): b for b in bins if b.view == _RESPONSE}
     for axis in AXES[1:]:
-        mine = [b for b in bins if b.axis == axis and b.view == ALL_VIEWS]
-        if len(mine) > 1 or (mine and axis == "halves"):
-            rows = [(bin_label(b), b, responses.get((b.axis, b.low))) for b in mine]
+        rows = [(bin_label(b), b, responses.get((b.axis, b.low))) for b in told_bins(bins, axis)]
+        if rows:
             yield from _table(axis_title(axis), rows, "mean z of responses")
 
 
 def flattening_lines(before: Sequence[Bin], after: Sequence[Bin]) -> Iterator[str]:
-    """Yield how far the residuals of two models are off, one beside the other: in each view, and along each axis."""
-    known = {(b.axis, b.view, b.low): b for b in before}
-    rows = [
-        (_of_either(b), known.get((b.axis, b.view, b.low)), b)
-        for axis in AXES for b in after if b.axis == axis and _is_told(b, after)
-    ]  # fmt: skip
+    """Yield how far the same statistics are off two models, side by side: in each view, and along each axis."""
+    pairs = [
+        (was, now) for axis in AXES for was, now in zip(told_bins(before, axis), told_bins(after, axis), strict=True)
+    ]
     title = "mean square residual"
-    width = max(len(title), *(len(label) for label, _, _ in rows)) if rows else len(title)
+    width = max(len(title), *(len(_of_either(now)) for _, now in pairs)) if pairs else len(title)
     yield f"{title:{width}}     before      after   by chance"
-    for label, was, now in rows:
-        then = "-" if was is None else significant(was.square)
-        yield f"{label:{width}}  {then:>9}  {significant(now.square):>9}   1.00 +/- {now.square_sd:.2f}"
-
-
-def _is_told(one: Bin, every: Sequence[Bin]) -> bool:
-    """Return whether it is a view, or one of several values of an axis."""
-    if one.axis == "anywhere":
-        return one.view != ALL_VIEWS
-    alike = [b for b in every if b.axis == one.axis and b.view == ALL_VIEWS]
-    return one.view == ALL_VIEWS and (len(alike) > 1 or one.axis == "halves")
+    for was, now in pairs:
+        squares = f"{significant(was.square):>9}  {significant(now.square):>9}"
+        yield f"{_of_either(now):{width}}  {squares}   1.00 +/- {now.square_sd:.2f}"
 
 
 def _of_either(one: Bin) -> str:

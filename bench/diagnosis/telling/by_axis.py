@@ -22,7 +22,19 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["ALL_VIEWS", "AXES", "UNITS", "Axis", "Bin", "Place", "by_axis", "first_places", "in_both", "worst_places"]
+__all__ = [
+    "ALL_VIEWS",
+    "AXES",
+    "UNITS",
+    "Axis",
+    "Bin",
+    "Place",
+    "by_axis",
+    "first_places",
+    "in_both",
+    "told_bins",
+    "worst_places",
+]
 
 Axis = Literal[
     "anywhere", "illuminance", "contrast", "pulse width", "polarity", "ND filter", "order", "halves"
@@ -112,6 +124,14 @@ def by_axis(residuals: Sequence[Residual], correlation: Floats | None = None) ->
             parts = [where[mine[where]] for where in groups]
             found += (_bin(axis, view, values, p, residuals, correlation) for p in parts if p.size)
     return tuple(found)
+
+
+def told_bins(bins: Sequence[Bin], axis: Axis) -> list[Bin]:
+    """Return what is told along an axis: each view `anywhere`, else all views together if it has several values."""
+    if axis == "anywhere":
+        return [b for b in bins if b.axis == axis and b.view != ALL_VIEWS]
+    mine = [b for b in bins if b.axis == axis and b.view == ALL_VIEWS]
+    return mine if len(mine) > 1 or axis == "halves" else []
 
 
 def in_both(

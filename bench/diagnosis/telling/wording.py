@@ -106,12 +106,16 @@ def end_lines(outcome: Outcome) -> Iterator[str]:
         yield line
     if outcome.verdict == "nothing_missing":
         yield from smallest_lines(outcome)
-    if outcome.verdict in ("nothing_missing", "unexplained"):
-        yield from not_asked_lines(outcome)
+    yield from not_asked_lines(outcome)
 
 
 def not_asked_lines(outcome: Outcome) -> Iterator[str]:
-    """Yield the effects that could not be looked for, with the reason that each group of them has."""
+    """Yield the effects that could not be looked for, with the reason that each group of them has.
+
+    That is told where something may be missing all the same.
+    """
+    if outcome.verdict not in ("nothing_missing", "unexplained"):
+        return
     for why in dict.fromkeys(outcome.not_asked.values()):
         names = sorted(name for name, its in outcome.not_asked.items() if its == why)
         yield f"not looked for: {_listed(names)} ({why})"

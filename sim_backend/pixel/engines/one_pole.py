@@ -39,7 +39,7 @@ _LONGEST_SAMPLES: Final = 20000
 #: no path goes from one to the other in it.
 _BLOCKS_APART: Final = 40.0
 #: Events are gathered for so many samples at the most, and so many times the number of pixels.
-_STRETCH_SAMPLES: Final = 1 << 21
+_STRETCH_SAMPLES: Final = 262144
 _PIXEL_SAMPLES: Final = 1 << 27
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from bench.diagnosis.comparison import Comparison
 from bench.diagnosis.recorded.position import Pattern
-from bench.diagnosis.telling.by_axis import worst_places
+from bench.diagnosis.telling.by_axis import by_axis, worst_places
 from bench.report.comparison import write_comparison
 from bench.report.figures import measured_predicted
 from bench.report.figures.style import house_style
@@ -64,8 +64,8 @@ def test_the_page_says_where_the_model_fails_and_has_its_figures_beside_it(
     comparison: Comparison, tmp_path: Path
 ) -> None:
     told = replace(comparison, cautions=("the readout was the limit",))
-    places = worst_places(told.residuals, told.correlation)
-    page = write_comparison(told, places, [Pattern("rows", 9.0, 0.2), Pattern("columns", 0.3, 0.1)], tmp_path)
+    places, bins = worst_places(told.residuals, told.correlation), by_axis(told.residuals, told.correlation)
+    page = write_comparison(told, bins, places, [Pattern("rows", 9.0, 0.2), Pattern("columns", 0.3, 0.1)], tmp_path)
     source = page.read_text(encoding="utf-8")
     assert re.search(r"Error 41.7, on unseen points 42.5, response rms 0.20\d, floor 1.00\.", source)
     assert "Fit to judge, but the readout was the limit." in source
