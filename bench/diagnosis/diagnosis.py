@@ -11,9 +11,16 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from bench.diagnosis.expected.catalogue import candidates, why_not
 from bench.diagnosis.expected.gate import cautions_of, findings_of
 from bench.diagnosis.fitting.details import with_a_detail
-from bench.diagnosis.fitting.judging import deviance_beside, deviance_per_dof, is_far_off, share
+from bench.diagnosis.fitting.fit import finish
+from bench.diagnosis.fitting.judging import (
+    deviance_beside,
+    deviance_per_dof,
+    is_far_off,
+    leaves_more_than_chance,
+    share,
+)
 from bench.diagnosis.fitting.settling import settled
-from bench.diagnosis.fitting.sharpening import asks_for_more
+from bench.diagnosis.fitting.sharpening import asks_for_more, from_here
 from bench.diagnosis.result import Outcome
 from bench.diagnosis.searching.better_place import better_place
 from bench.diagnosis.searching.candidate_table import step_with_candidates
@@ -59,6 +66,9 @@ _GROSS: Final = 4.0
 _DETOURS: Final = 2
 #: Details of effects that are set free in one step, at the most.
 _DETAILS: Final = 2
+#: What promises where little is missing is looked at again with so many times the effort, and another seed.
+_CLOSER: Final = 4.0
+_CLOSER_SEED: Final = 5_000
 
 
 class Diagnosis:
@@ -379,6 +389,7 @@ class Diagnosis:
             fitted = settled(self.problem, detailed, self._seed + 100 * number + 81 + 3 * more)
             fitted = self._session.in_time(fitted, self._seed + 100 * number + 96 + more)
             scores = self._probed(fitted, number)
+        fitted, scores = self._looked_closer(fitted, scores, added, number)
         little = leaves_little(self.problem, fitted)
         trends = clear_trends(self.problem, fitted, self._seed + 100 * number + 91) if little else ()
         state = State(fitted, scores, added, self.problem, trends=trends)
@@ -387,10 +398,27 @@ class Diagnosis:
             state.fall = share(last.problem, last.fit, deviance_beside(self.problem, fitted, last.fit))
         return state
 
-    def _probed(self, fitted: Fit, number: int) -> Scores:
+    def _looked_closer(self, fitted: Fit, scores: Scores, added: str | None, number: int) -> tuple[Fit, Scores]:
+        """Return a fit, and what effects promise; of more pixels where little is missing and something promises.
+
+        Where a fit ends is known to no better than half a standard error from so many pixels: what promises by chance
+        of the simulation does so once.
+        """
+        state = State(fitted, scores, added, self.problem)
+        if is_far_off(self.problem, fitted) or not self._shortlist.promises(state):
+            return fitted, scores
+        self._say(f"step {number}: looking closer")
+        seed = self._seed + 100 * number
+        again = finish(self.problem, from_here(self.problem, fitted, seed + 36), effort=_CLOSER)
+        worse = deviance_per_dof(self.problem, again) >= deviance_per_dof(self.problem, fitted)
+        if worse and leaves_more_than_chance(self.problem, again):
+            again = fitted
+        return again, self._probed(again, number, _CLOSER_SEED)
+
+    def _probed(self, fitted: Fit, number: int, more: int = 0) -> Scores:
         """Return what each effect that is not in the model promises."""
         possible = candidates(fitted.model, self.problem.points, without=self._without)
-        seed = self._seed + 100 * number + 17
+        seed = self._seed + 100 * number + 17 + more
         gross = deviance_per_dof(self.problem, fitted) > _GROSS
         return self._scores(fitted, probe(self.problem, fitted, possible, seed, gross, self._seen))
 

@@ -117,13 +117,18 @@ def finish(
     return replace(found, frozen=frozen_of(problem, found, models, there.seen))
 
 
-def moved(problem: Problem, found: Fit, x: Floats, seed: int) -> Fit:
+def moved(problem: Problem, found: Fit, x: Floats, seed: int, effort: float = 1.0) -> Fit:
     """Return a fit at other coordinates, or beside other phases: what it expects is simulated there, once.
 
     How that changes by coordinate, and how residuals scatter, is what it was.
+
+    Parameters
+    ----------
+    effort
+        So many times that of a look of a fit.
     """
     models = problem.models(found.model, found.slots, x)
-    here = shifted(problem, problem.expect(problem.simulate([models], seed, _FINE)[0]), found.slots, x)
+    here = shifted(problem, problem.expect(problem.simulate([models], seed, _FINE * effort)[0]), found.slots, x)
     return replace(
         found,
         model=problem.of_settings(found.model, found.slots, x)[0],

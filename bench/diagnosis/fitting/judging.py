@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.diagnosis.expected.parameters import ALIGNMENT
 from bench.diagnosis.fitting.drawn import drawn_variance, is_share, share_interval
 from bench.diagnosis.fitting.fitted import live, prior_precision, solve
 from bench.diagnosis.fitting.robust import loss
@@ -60,10 +61,11 @@ NEARLY_ALL: Final = 0.8
 def deviance(problem: Problem, one: Fit, scale: float | None = None) -> float:
     """Return the sum of squares of the independent residuals; of a true model it is the number of them.
 
+    By how much the clock is further off than it was known to be is one of them: a delay looks like it, but for that.
     Models that are compared with each other want the same scale: each knows its own only roughly.
     """
-    r = one.whiten(one.residual, problem.measured.points)
-    return float(r @ r) * one.caution / (one.scale if scale is None else scale)
+    r, clock = one.whiten(one.residual, problem.measured.points), _of_the_clock(one)
+    return float(r @ r) * one.caution / (one.scale if scale is None else scale) + float(clock @ clock)
 
 
 def deviance_beside(problem: Problem, one: Fit, other: Fit) -> float:
@@ -76,12 +78,19 @@ def deviance_beside(problem: Problem, one: Fit, other: Fit) -> float:
 
 def freedom(one: Fit) -> int:
     """Return the number of independent residuals less that of the fitted numbers."""
-    return max(sum(int(live(root).sum()) for root in one.roots) - len(one.slots), 1)
+    return max(sum(int(live(root).sum()) for root in one.roots) + _of_the_clock(one).size - len(one.slots), 1)
+
+
+def _of_the_clock(one: Fit) -> Floats:
+    """Return by how many standard deviations time offsets are from what they were known to be."""
+    off = np.sqrt(prior_precision(one.slots)) * (one.start - one.x)
+    return np.asarray(off[[slot.free.owner == ALIGNMENT for slot in one.slots]])
 
 
 def loss_left(problem: Problem, one: Fit) -> float:
     """Return the loss of the independent residuals of a fit, in which large ones count by their size."""
-    return loss(one.whiten(one.residual, problem.measured.points))
+    clock = _of_the_clock(one)
+    return loss(one.whiten(one.residual, problem.measured.points)) + float(clock @ clock)
 
 
 def deviance_per_dof(problem: Problem, one: Fit) -> float:
@@ -163,7 +172,8 @@ def heldout(problem: Problem, one: Fit) -> float:
 
     The numbers are fitted again to the other points, along the changes by coordinate that are known at the solution.
     Where these ask for another solution for all points together, simulations have shown that it is none: only what
-    changes from all points to the others counts. It is not a number where there is but one point.
+    changes from all points to the others counts. The clock counts as in the deviance. It is not a number where there
+    is but one point.
     """
     points = problem.measured.points
     jacobian = one.jacobian.mean(axis=0)
@@ -188,7 +198,8 @@ def heldout(problem: Problem, one: Fit) -> float:
         delta = step_to(seen) - of_all
         squares += sum(float(np.sum((r - j @ delta) ** 2)) for r, j, _ in unseen)
         count += sum(n for _, _, n in unseen)
-    return squares / count if count else math.nan
+    clock = _of_the_clock(one)
+    return (squares + float(clock @ clock)) / (count + clock.size) if count else math.nan
 
 
 def values_of(problem: Problem, one: Fit) -> dict[str, Value]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.expected.catalogue import is_of_few, sized, switches
+from bench.diagnosis.fitting.fitted import prior_precision
 from bench.diagnosis.searching.apart import differences, product, surely
 from bench.diagnosis.searching.screen import basis_of, beyond, extended
 
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.expected.problem import Problem, Slot
+    from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.searching.refit import Found
     from sim_backend.pixel.effects.base import Effect
     from sim_backend.pixel.model import PixelModel
@@ -79,8 +81,19 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
     effort = _DOUBTFUL[0] if is_of_few(one.effect) or is_of_few(other.effect) else _EFFORT
     apart = _apart(problem, one, basis, [models], seed, effort, _TIMES)[0].mean(axis=0)
     both = fit.whiten(fit.residual + other.fit.residual, points)
-    left = beyond(basis, extended(fit, both[:, None]))[:, 0]
+    left = beyond(basis, np.concatenate([both, _held(fit, fit) + _held(fit, other.fit)])[:, None])[:, 0]
     return float(_clipped(left) @ apart) / fit.common
+
+
+def _held(fit: Fit, other: Fit) -> Floats:
+    """Return for each number of a fit by how many standard deviations another one is off what is known of it."""
+    off = dict(zip(map(_key, other.slots), other.start - other.x, strict=True))
+    away = np.array([off.get(_key(slot), 0.0) for slot in fit.slots])
+    return np.asarray(np.sqrt(prior_precision(fit.slots)) * away)
+
+
+def _key(slot: Slot) -> tuple[str, str, int | None]:
+    return slot.free.owner, slot.free.name, slot.setting
 
 
 def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> float:

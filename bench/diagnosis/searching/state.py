@@ -97,10 +97,12 @@ def may_be_added(problem: Problem, before: Fit, found: Found) -> bool:
 def _stands_in(problem: Problem, before: Fit, found: Found) -> bool:
     """Return whether an effect leaves much, and what it takes away comes back on points that the fit did not see.
 
-    What hardly leaves anything may well be seen in one point alone.
+    What hardly leaves anything may well be seen in one point alone. Where little was missing, two fits differ on
+    unseen points by chance as much as by the effect: see :func:`~bench.diagnosis.searching.likeness.nearer`.
     """
-    explains = is_far_off(problem, before) and share(problem, before, found.deviance) > NEARLY_ALL
-    return not explains and heldout(problem, found.fit) >= heldout(problem, before)
+    if not is_far_off(problem, before) or share(problem, before, found.deviance) > NEARLY_ALL:
+        return False
+    return heldout(problem, found.fit) >= heldout(problem, before)
 
 
 def can_judge(problem: Problem, scores: Scores, i: int) -> bool:

@@ -99,6 +99,7 @@ def test_a_fall_is_that_of_the_fit_once_it_was_made_better(monkeypatch: pytest.M
     monkeypatch.setattr(diagnosis, "settled", lambda _, fit, __: fit)
     monkeypatch.setattr(diagnosis, "with_a_detail", lambda _, fit, *__: fit)
     monkeypatch.setattr(diagnosis, "leaves_little", lambda *_: False)
+    monkeypatch.setattr(diagnosis, "is_far_off", lambda *_: True)
     monkeypatch.setattr(diagnosis, "deviance_beside", lambda _, fit, __: fit)
     monkeypatch.setattr(diagnosis, "share", lambda _, before, after: (before - after) / (before - 1.0))
     before: Any = SimpleNamespace(fit=9.0, problem=PROBLEM)

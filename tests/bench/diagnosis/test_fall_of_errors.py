@@ -59,9 +59,10 @@ class Simulations:
         self.own = own
         return self.states
 
-    def moved(self, problem: Any, one: Fit, x: Floats, seed: int) -> Fit:
+    def moved(self, problem: Any, one: Fit, x: Floats, seed: int, effort: float) -> Fit:
         assert problem is PROBLEM
         assert x is one.x
+        assert effort == module._EFFORT
         self.seeds.append(seed)
         number, true = next((i, s.true) for i, s in enumerate(self.states) if s.fit is one)
         common, own = (np.random.default_rng(key).standard_normal(N) for key in ([seed], [seed, number]))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.diagnosis.expected.catalogue import free_of
-from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.parameters import base_parameters, time_offset
 from bench.diagnosis.expected.problem import Change, Slot
 from bench.diagnosis.fitting.fitted import Fit
 from bench.diagnosis.searching.likeness import TIED, closest, nearer, separation
@@ -124,6 +124,31 @@ def test_a_run_is_nearer_to_the_model_that_made_it(true: int) -> None:
     fall = nearer(PROBLEM, one, noisy, seed=1)
     assert fall == pytest.approx(squares[0] - squares[1], abs=4.0 * 2.0 * np.sqrt(max(squares)))
     assert (fall > 0.0) == bool(true)
+
+
+def test_a_clock_that_is_as_far_off_as_a_delay_is_less_likely() -> None:
+    """Both leave the same of the run, but for what is known of the clock: four of its standard deviations."""
+    effect = DarkCurrent(0.5)  # does what the clock does
+    all_of_it = float(seen(PixelModel() + effect) @ DARK / (DARK @ DARK))
+    sd = 0.25 * all_of_it
+    clock = Slot(time_offset(sd))
+    measured = seen(PixelModel() + effect) + np.random.default_rng(5).standard_normal(N)
+    one = found(effect, measured)
+    columns = np.column_stack([BASE, DARK, DARK])
+    base, mine = one.fit.slots
+    fit = replace(
+        one.fit, slots=(base, clock, mine), x=np.zeros(3), start=np.zeros(3), jacobian=np.stack([columns, columns])
+    )
+    off = float(DARK @ measured / (DARK @ DARK + sd**-2))  # least squares, with what is known of the clock
+    other = replace(
+        fit, model=PixelModel(), slots=(base, clock), x=np.array([0.0, off]), start=np.zeros(2),
+        jacobian=np.stack([columns[:, :2]] * 2), residual=measured - off * DARK,
+    )  # fmt: skip
+    at_its_best = float(DARK @ fit.residual / (DARK @ DARK)) * DARK  # the effect's size is not held
+    squares = [float(r @ r) for r in (fit.residual - at_its_best, other.residual)]
+    fall = nearer(FakeProblem(chance=1e-3), replace(one, fit=fit), Found("", other, 0.0), seed=1)  # type: ignore[arg-type]
+    assert fall == pytest.approx(squares[0] - squares[1] - (off / sd) ** 2, abs=3.0)
+    assert fall < -10.0
 
 
 @pytest.mark.parametrize(("strength", "chance"), [(2.0, 1.0), (4.0, 2.0), (4.0, 3.0)])

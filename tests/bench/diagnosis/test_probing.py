@@ -62,7 +62,14 @@ def test_a_probe_is_as_large_as_what_is_left() -> None:
     leak = effects()["leak"]
     residual = np.full(N, 3.0)
     fit: Any = SimpleNamespace(
-        residual=residual, roots=(np.eye(N),), slots=(), whiten=lambda values, _: values, caution=1.0, scale=1.0
+        residual=residual,
+        roots=(np.eye(N),),
+        slots=(),
+        x=np.zeros(0),
+        start=np.zeros(0),
+        whiten=lambda values, _: values,
+        caution=1.0,
+        scale=1.0,
     )
     # A deviance of 9 for each of 400 is 3200 too much: 56.6 standard errors, of which the catalogue's size has 100.
     sizes = sizes_for(PROBLEM, fit, leak, {("leak", "rate_per_s"): 100.0})

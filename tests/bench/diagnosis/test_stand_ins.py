@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from bench.diagnosis.expected.catalogue import free_of
-from bench.diagnosis.expected.parameters import base_parameters
+from bench.diagnosis.expected.parameters import base_parameters, time_offset
 from bench.diagnosis.expected.problem import Slot
 from bench.diagnosis.fitting.fitted import Fit
-from bench.diagnosis.fitting.judging import deviance, heldout, is_far_off
+from bench.diagnosis.fitting.judging import deviance, freedom, heldout, is_far_off, loss_left
 from bench.diagnosis.searching.refit import Found
 from bench.diagnosis.searching.state import may_be_added
 from sim_backend.pixel import PixelModel
@@ -107,6 +107,20 @@ def test_points_that_were_not_seen_are_foreseen_with_what_is_known_beforehand() 
     assert heldout(PROBLEM, one) == pytest.approx(squares / N, rel=1e-9)
 
 
+def test_a_clock_that_is_off_is_a_residual_of_its_own() -> None:
+    """What is known of it is an observation: its square counts, and it is one of the degrees of freedom."""
+    plain = fit_of(MEASURED)
+    sd = 1e-5
+    late = np.zeros((2, N, 2))
+    late[:, :, 0] = plain.jacobian[:, :, 0]  # the clock itself changes nothing
+    slots, x = (BASE, Slot(time_offset(sd))), np.array([plain.x[0], 3.0 * sd])
+    off = replace(plain, slots=slots, x=x, start=np.zeros(2), jacobian=late)
+    assert deviance(PROBLEM, off) == pytest.approx(deviance(PROBLEM, plain) + 9.0)
+    assert loss_left(PROBLEM, off) == pytest.approx(loss_left(PROBLEM, plain) + 9.0)
+    assert freedom(off) == freedom(plain)  # a number more, and an observation more
+    assert heldout(PROBLEM, off) == pytest.approx((N * heldout(PROBLEM, plain) + 9.0) / (N + 1))
+
+
 def test_unseen_points_are_no_better_than_all_where_lines_lead_to_what_simulations_have_refused() -> None:
     """A fit that stopped elsewhere than straight lines ask for: they would foresee what no simulation shows."""
     x = np.array([1.6])
@@ -123,6 +137,13 @@ def test_what_is_far_off_depends_on_how_many_statistics_say_so(points: int, far_
     problem: Any = SimpleNamespace(measured=SimpleNamespace(points=[slice(0, n)]))
     residual = np.full(n, math.sqrt(1.35))
     one: Any = SimpleNamespace(
-        residual=residual, roots=(np.eye(n),), slots=(), caution=1.0, scale=1.0, whiten=lambda r, _: r
+        residual=residual,
+        roots=(np.eye(n),),
+        slots=(),
+        x=np.zeros(0),
+        start=np.zeros(0),
+        caution=1.0,
+        scale=1.0,
+        whiten=lambda r, _: r,
     )
     assert is_far_off(problem, one) is far_off
