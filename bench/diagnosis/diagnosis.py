@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from bench.diagnosis.expected.catalogue import candidates, why_not
 from bench.diagnosis.expected.gate import cautions_of, findings_of
 from bench.diagnosis.fitting.details import with_a_detail
-from bench.diagnosis.fitting.fit import finish
 from bench.diagnosis.fitting.judging import (
     deviance_beside,
     deviance_per_dof,
@@ -20,7 +19,7 @@ from bench.diagnosis.fitting.judging import (
     share,
 )
 from bench.diagnosis.fitting.settling import settled
-from bench.diagnosis.fitting.sharpening import asks_for_more, from_here
+from bench.diagnosis.fitting.sharpening import asks_for_more, fitted_on
 from bench.diagnosis.result import Outcome
 from bench.diagnosis.searching.better_place import better_place
 from bench.diagnosis.searching.candidate_table import step_with_candidates
@@ -66,8 +65,7 @@ _GROSS: Final = 4.0
 _DETOURS: Final = 2
 #: Details of effects that are set free in one step, at the most.
 _DETAILS: Final = 2
-#: What promises where little is missing is looked at again with so many times the effort, and another seed.
-_CLOSER: Final = 4.0
+#: What promises where little is missing is looked at again with a seed so much larger.
 _CLOSER_SEED: Final = 5_000
 
 
@@ -389,7 +387,7 @@ class Diagnosis:
             fitted = settled(self.problem, detailed, self._seed + 100 * number + 81 + 3 * more)
             fitted = self._session.in_time(fitted, self._seed + 100 * number + 96 + more)
             scores = self._probed(fitted, number)
-        fitted, scores = self._looked_closer(fitted, scores, added, number)
+        fitted, scores = self._looked_closer(fitted, scores, number)
         little = leaves_little(self.problem, fitted)
         trends = clear_trends(self.problem, fitted, self._seed + 100 * number + 91) if little else ()
         state = State(fitted, scores, added, self.problem, trends=trends)
@@ -398,18 +396,16 @@ class Diagnosis:
             state.fall = share(last.problem, last.fit, deviance_beside(self.problem, fitted, last.fit))
         return state
 
-    def _looked_closer(self, fitted: Fit, scores: Scores, added: str | None, number: int) -> tuple[Fit, Scores]:
+    def _looked_closer(self, fitted: Fit, scores: Scores, number: int) -> tuple[Fit, Scores]:
         """Return a fit, and what effects promise; of more pixels where little is missing and something promises.
 
         Where a fit ends is known to no better than half a standard error from so many pixels: what promises by chance
         of the simulation does so once.
         """
-        state = State(fitted, scores, added, self.problem)
-        if is_far_off(self.problem, fitted) or not self._shortlist.promises(state):
+        if is_far_off(self.problem, fitted) or not self._shortlist.promises(fitted, scores):
             return fitted, scores
         self._say(f"step {number}: looking closer")
-        seed = self._seed + 100 * number
-        again = finish(self.problem, from_here(self.problem, fitted, seed + 36), effort=_CLOSER)
+        again = fitted_on(self.problem, fitted, self._seed + 100 * number + 36)
         worse = deviance_per_dof(self.problem, again) >= deviance_per_dof(self.problem, fitted)
         if worse and leaves_more_than_chance(self.problem, again):
             again = fitted
@@ -501,4 +497,4 @@ class Diagnosis:
         """Return whether something was to be added, or may have been: nobody has looked."""
         if state.chosen:
             return state.proposal is not None
-        return not is_explained(self.problem, state) or self._shortlist.promises(state)
+        return not is_explained(self.problem, state) or self._shortlist.promises(state.fit, state.scores)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Fit", "live", "prior_precision", "solve", "whiten"]
+__all__ = ["Fit", "live", "off_known", "prior_precision", "solve", "whiten"]
 
 #: A larger standard error stands for a statistic that was not measured, or is not predicted.
 _KNOWN: Final = 1e5
@@ -113,6 +113,11 @@ def live(root: Floats) -> Floats:
 def prior_precision(slots: Sequence[Slot]) -> Floats:
     """(k,) precision with which each coordinate is known before."""
     return np.array([0.0 if np.isinf(s.free.prior_sd) else s.free.prior_sd**-2 for s in slots])
+
+
+def off_known(one: Fit) -> Floats:
+    """(k,) by how many standard deviations each coordinate is below what is known of it before: observations, too."""
+    return np.asarray(np.sqrt(prior_precision(one.slots)) * (one.start - one.x))
 
 
 def solve(columns: Floats, residual: Floats, prior: Floats, towards: Floats | float = 0.0) -> Floats:

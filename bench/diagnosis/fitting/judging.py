@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.diagnosis.expected.parameters import ALIGNMENT
 from bench.diagnosis.fitting.drawn import drawn_variance, is_share, share_interval
-from bench.diagnosis.fitting.fitted import live, prior_precision, solve
+from bench.diagnosis.fitting.fitted import live, off_known, prior_precision, solve
 from bench.diagnosis.fitting.robust import loss
 from bench.diagnosis.result import Error, Misfit, Step, Value
 
@@ -83,8 +83,7 @@ def freedom(one: Fit) -> int:
 
 def _of_the_clock(one: Fit) -> Floats:
     """Return by how many standard deviations time offsets are from what they were known to be."""
-    off = np.sqrt(prior_precision(one.slots)) * (one.start - one.x)
-    return np.asarray(off[[slot.free.owner == ALIGNMENT for slot in one.slots]])
+    return np.asarray(off_known(one)[[slot.free.owner == ALIGNMENT for slot in one.slots]])
 
 
 def loss_left(problem: Problem, one: Fit) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.expected.catalogue import is_of_few, sized, switches
-from bench.diagnosis.fitting.fitted import prior_precision
+from bench.diagnosis.fitting.fitted import off_known
 from bench.diagnosis.searching.apart import differences, product, surely
 from bench.diagnosis.searching.screen import basis_of, beyond, extended
 
@@ -81,15 +81,14 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
     effort = _DOUBTFUL[0] if is_of_few(one.effect) or is_of_few(other.effect) else _EFFORT
     apart = _apart(problem, one, basis, [models], seed, effort, _TIMES)[0].mean(axis=0)
     both = fit.whiten(fit.residual + other.fit.residual, points)
-    left = beyond(basis, np.concatenate([both, _held(fit, fit) + _held(fit, other.fit)])[:, None])[:, 0]
+    left = beyond(basis, np.concatenate([both, off_known(fit) + _off_known(other.fit, fit)])[:, None])[:, 0]
     return float(_clipped(left) @ apart) / fit.common
 
 
-def _held(fit: Fit, other: Fit) -> Floats:
-    """Return for each number of a fit by how many standard deviations another one is off what is known of it."""
-    off = dict(zip(map(_key, other.slots), other.start - other.x, strict=True))
-    away = np.array([off.get(_key(slot), 0.0) for slot in fit.slots])
-    return np.asarray(np.sqrt(prior_precision(fit.slots)) * away)
+def _off_known(one: Fit, like: Fit) -> Floats:
+    """Return by how much a fit is off what is known before, for each number of another one; 0 where it lacks that."""
+    off = dict(zip(map(_key, one.slots), off_known(one), strict=True))
+    return np.array([off.get(_key(slot), 0.0) for slot in like.slots])
 
 
 def _key(slot: Slot) -> tuple[str, str, int | None]:

@@ -22,7 +22,7 @@ from bench.diagnosis.fitting.judging import (
     share,
 )
 from bench.diagnosis.fitting.looks import loss_of_fit
-from bench.diagnosis.fitting.sharpening import EXPLAINS, NEARBY, from_here, is_costly, sharpened
+from bench.diagnosis.fitting.sharpening import EXPLAINS, NEARBY, fitted_on, from_here, is_costly, sharpened
 from bench.diagnosis.searching.race import Raced, entrant, near_by, race
 from bench.diagnosis.searching.valley import through_the_valley
 
@@ -55,9 +55,8 @@ _FAR: Final = 2.0
 _GOES_ON: Final = 4
 _FALLING: Final = 0.8
 _ON: Final = 1000
-#: Where the best comes near to explaining the run and does not, chance in the changes by which it goes to its minimum
-#: may have kept it from there: it goes there with so much more effort.
-_EFFORT: Final = 4.0
+#: Where the best comes near to explaining the run and does not, chance may have kept it from its minimum: the seed of
+#: a fit with more effort, after that of the fit.
 _SHARPER: Final = 1200
 #: Of so many of the best the phases of a ripple follow, with seeds that are so far apart.
 _FOLLOWED: Final = 3
@@ -232,7 +231,7 @@ def _with_more_effort(problem: Problem, here: Fit, found: Found, seed: int) -> F
 
 def _more_effort(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
     """Return a fit that goes on with more effort if it is better."""
-    again = finish(problem, from_here(problem, found.fit, seed), effort=_EFFORT)
+    again = fitted_on(problem, found.fit, seed)
     left = deviance_beside(problem, again, here)
     return replace(found, fit=again, deviance=left) if left < found.deviance else found
 

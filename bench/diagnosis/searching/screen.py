@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.fitting.explaining import Explained, explain
-from bench.diagnosis.fitting.fitted import prior_precision
+from bench.diagnosis.fitting.fitted import off_known, prior_precision
 from bench.diagnosis.fitting.normal import solved
 
 if TYPE_CHECKING:
@@ -106,8 +106,7 @@ def score(
     jacobian = fit.whiten(fit.jacobian.mean(axis=0), problem.measured.points)
     alone = explain(fit, jacobian, residual, None).fall
     tried = [_or_seen(explain(fit, jacobian, residual, one), one, alone) for one in probes]
-    before = np.sqrt(prior_precision(fit.slots)) * (fit.start - fit.x)
-    rest = beyond(basis, np.concatenate([residual, before])[:, None])[:, 0]
+    rest = beyond(basis, np.concatenate([residual, off_known(fit)])[:, None])[:, 0]
     spans = [[beyond(basis, extended(fit, one.change[s])) for s in range(2)] for one in probes]
     means = [0.5 * (a + b) for a, b in spans]
     rest /= math.sqrt(fit.common)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
@@ -21,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
     from bench.diagnosis.expected.problem import Problem
+    from bench.diagnosis.fitting.fitted import Fit
+    from bench.diagnosis.searching.screen import Scores
     from bench.diagnosis.searching.state import State
     from bench.diagnosis.session import Session
 
@@ -89,7 +90,7 @@ class Shortlist:
         without
             Effects that are not asked again: they were taken out.
         """
-        names = [name for name in self._promising(state) if name not in without]
+        names = [name for name in self._promising(state.fit, state.scores) if name not in without]
         if not is_far_off(self._problem, state.fit):
             for name in names[:_SHORTLIST]:  # the clearest one may be finer than what can be told, or needless
                 if state.proposal is None:
@@ -105,25 +106,24 @@ class Shortlist:
         if state.proposal is None:
             self._propose(state, self._at_other_sizes(state, without), _SURE)
 
-    def promises(self, state: State) -> bool:
+    def promises(self, fit: Fit, scores: Scores) -> bool:
         """Return whether any effect is significant before it is refitted."""
-        return bool(self._promising(state))
+        return bool(self._promising(fit, scores))
 
     def _is_foreseen(self, state: State) -> bool:
         """Return whether some effect promises a good part of what is missing: else their order says little."""
         left = loss_left(self._problem, state.fit) - freedom(state.fit)
         return float(max(state.scores.drop, default=0.0)) > _FORESEEN * left
 
-    def _promising(self, state: State) -> list[str]:
+    def _promising(self, fit: Fit, scores: Scores) -> list[str]:
         """Return the effects that are significant, the most promising first."""
-        scores = state.scores
         significant = [
             i for i in range(len(scores.probes))
             if scores.p_best[i] < ALPHA and scores.drop[i] > _LEAST_FALL and can_judge(self._problem, scores, i)
         ]  # fmt: skip
         if not significant:
             return []
-        far_off = is_far_off(self._problem, state.fit)
+        far_off = is_far_off(self._problem, fit)
         significant.sort(key=lambda i: -scores.drop[i] if far_off else scores.p_value[i])
         enough = _PROMISING * scores.drop[significant[0]] if far_off else -math.inf
         return [scores.probes[i].effect.id for i in significant if scores.drop[i] >= enough]
@@ -144,11 +144,11 @@ class Shortlist:
         problem, fit = self._problem, state.fit
         probes = at_other_sizes(problem, fit, state.scores.probes, self._seed + 87)
         moved = {new.effect.id for old, new in zip(state.scores.probes, probes, strict=True) if new is not old}
-        again = replace(state, scores=score(problem, fit, probes, self._seed, far_off=True))
-        names = [name for name in self._promising(again) if name in moved and name not in without]
+        scores = score(problem, fit, probes, self._seed, far_off=True)
+        names = [name for name in self._promising(fit, scores) if name in moved and name not in without]
         names = names[: _SHORTLISTS * _SHORTLIST]
         if names:
-            state.scores = again.scores
+            state.scores = scores
         state.refitted = {name: found for name, found in state.refitted.items() if name not in names}
         state.hopeless -= set(names)
         return names

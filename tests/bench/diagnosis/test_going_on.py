@@ -74,9 +74,9 @@ def test_whether_a_search_that_ended_might_have_gone_on(
 ) -> None:  # fmt: skip
     made: Any = object.__new__(Diagnosis)
     made._session = SimpleNamespace(problem=None)
-    made._shortlist = SimpleNamespace(promises=lambda _: promises)
+    made._shortlist = SimpleNamespace(promises=lambda *_: promises)
     monkeypatch.setattr("bench.diagnosis.diagnosis.is_explained", lambda *_: explained)
-    assert made._might_go_on(SimpleNamespace(chosen=chosen, proposal=proposal)) is expected
+    assert made._might_go_on(SimpleNamespace(chosen=chosen, proposal=proposal, fit=None, scores=None)) is expected
 
 
 def test_a_step_that_is_cut_short_leaves_those_before_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from bench.diagnosis.diagnosis import Diagnosis
+from bench.diagnosis.fitting import sharpening
 
 MODULE = "bench.diagnosis.diagnosis"
 
@@ -27,19 +28,19 @@ def looked_closer(
         asked.append(effort)
         return SimpleNamespace(error=then, name="again")
 
-    monkeypatch.setattr(f"{MODULE}.finish", finish)
-    monkeypatch.setattr(f"{MODULE}.from_here", lambda *_: None)
+    monkeypatch.setattr(sharpening, "finish", finish)
+    monkeypatch.setattr(sharpening, "from_here", lambda *_: None)
     monkeypatch.setattr(f"{MODULE}.is_far_off", lambda *_: far_off)
     monkeypatch.setattr(f"{MODULE}.deviance_per_dof", lambda _, one: one.error)
     monkeypatch.setattr(f"{MODULE}.leaves_more_than_chance", lambda *_: more_than_chance)
     made: Any = object.__new__(Diagnosis)
     made._session = SimpleNamespace(problem=None)
-    made._shortlist = SimpleNamespace(promises=lambda _: promises)
+    made._shortlist = SimpleNamespace(promises=lambda *_: promises)
     made._seed = 1
     made._say = lambda _: None
     made._probed = lambda one, _, more: f"of {one.name}, other seed {more != 0}"
     first: Any = SimpleNamespace(error=1.05, name="first")
-    fit, scores = made._looked_closer(first, "at first", None, 0)
+    fit, scores = made._looked_closer(first, "at first", 0)
     return fit.name, scores, asked
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from bench.diagnosis.fitting import sharpening
 from bench.diagnosis.searching import refit
 
 if TYPE_CHECKING:
@@ -34,12 +35,12 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Ends:
             asked.append(effort)
             return fit_of(error)
 
-        monkeypatch.setattr(refit, "finish", finish)
+        monkeypatch.setattr(sharpening, "finish", finish)
         return asked
 
     monkeypatch.setattr(refit, "deviance_per_dof", lambda _, one: one.error)
     monkeypatch.setattr(refit, "deviance_beside", lambda _, one, __: FREEDOM * one.error)
-    monkeypatch.setattr(refit, "from_here", lambda *_: None)
+    monkeypatch.setattr(sharpening, "from_here", lambda *_: None)
     return ends_with
 
 

@@ -235,7 +235,7 @@ class Promising(Shortlist):
         scores = SimpleNamespace(probes=probes, drop=np.arange(len(probes), dtype=float))
         return SimpleNamespace(fit=None, scores=scores, refitted={}, proposal=None)
 
-    def _promising(self, _: Any) -> list[str]:
+    def _promising(self, *_: Any) -> list[str]:
         return list(self.promised)
 
     def _is_foreseen(self, _: Any) -> bool:
