@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bench.analysis.tally import active_pixels
 from bench.diagnosis.expected.gate import cautions_of, findings_of
 from bench.diagnosis.expected.residuals import slope_of
+from bench.diagnosis.fitting.fitted import KNOWN
 from bench.diagnosis.fitting.judging import step_of
-from bench.diagnosis.session import open_session
+from bench.diagnosis.session import on_its_clock, open_session
+from bench.diagnosis.views.registry import views
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Hashable, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -31,7 +34,13 @@ if TYPE_CHECKING:
     #: By the number of a step: residuals, and their (n, n) correlation where it is known.
     ResidualsByStep = Mapping[int, tuple[Sequence["Residual"], Floats | None]]
 
-__all__ = ["Comparison", "Residual", "compare", "correlation_of", "residuals_by_step", "residuals_of"]
+__all__ = ["Comparison", "Residual", "at_once", "compare", "correlation_of", "residuals_by_step", "residuals_of"]
+
+#: Views that add up to the events in the response windows, per pixel and pulse.
+_OF_ANSWERS: Final = frozenset({"response", "extra_events"})
+#: Views by which no fit goes are looked at in simulated sensors of another seed, in the time of so many runs.
+_CLOSER: Final = 100
+_EFFORT: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +58,7 @@ class Residual:
     predicted: float
     sigma: float  #: standard error of the difference, about, in the unit of both
     z: float  #: the difference in standard errors, on the scale on which they are even
+    at_once: float = math.nan  #: events of all pixels that one such pulse brings; NaN for background
     unit: str = "1"
 
 
@@ -97,8 +107,8 @@ def compare(
         problem = session.problem
         say("fitting the model")
         found = session.fit(seed)
-        shown = residuals_of(problem, found)
-        mutual = correlation_of(problem, found)
+        say("looking closer")
+        shown, mutual = _all_residuals(session.problem, found, seed + _CLOSER)
         findings = findings_of(problem)
         return Comparison(
             session.ids, findings, step_of(problem, found), shown, mutual, found.model, session.shortened,
@@ -106,10 +116,31 @@ def compare(
         )  # fmt: skip
 
 
+def _all_residuals(problem: Problem, one: Fit, seed: int) -> tuple[tuple[Residual, ...], Floats]:
+    """Return the residuals of all views, also of those by which no fit goes, and their correlation."""
+    closer = on_its_clock(problem, one.slots, one.x).with_shown()
+    sensors = closer.simulate([closer.models(one.model, one.slots, one.x)], seed, _EFFORT)[0]
+    here, of = closer.expect(sensors), closer.measured
+    predicted, deviation, residual = here.ratio.copy(), here.deviation.copy(), of.value - here.value
+    ids = {view.id for view in views()}
+    fitted = np.array([label.view in ids for label in of.labels], np.bool_)
+    predicted[fitted], deviation[fitted], residual[fitted] = one.ratio, one.deviation, one.residual
+    known = np.flatnonzero(deviation < KNOWN)
+    found = _residuals(closer, predicted, deviation * math.sqrt(one.caution), residual, known)
+    return found, _correlation(here.scatter.covariance, of.points)[np.ix_(known, known)]
+
+
 def residuals_of(problem: Problem, one: Fit) -> tuple[Residual, ...]:
     """Return all statistics that were measured and that the model predicts, point after point."""
-    of, z = problem.measured, one.z
-    sigma = _in_their_unit(of, one)
+    deviation = one.deviation * math.sqrt(one.caution)
+    return _residuals(problem, one.ratio, deviation, one.residual, np.flatnonzero(one.known))
+
+
+def _residuals(
+    problem: Problem, predicted: Floats, deviation: Floats, residual: Floats, which: npt.NDArray[np.intp]
+) -> tuple[Residual, ...]:  # fmt: skip
+    of, together = problem.measured, at_once(problem)
+    sigma, z = _in_their_unit(of, predicted, deviation), residual / deviation
     return tuple(
         Residual(
             view=of.labels[i].view,
@@ -120,13 +151,27 @@ def residuals_of(problem: Problem, one: Fit) -> tuple[Residual, ...]:
             width_s=of.labels[i].width_s,
             nd_od=of.labels[i].nd_od,
             observed=float(of.ratio[i]),
-            predicted=float(one.ratio[i]),
+            predicted=float(predicted[i]),
             sigma=float(sigma[i]),
             z=float(z[i]),
+            at_once=together.get(of.labels[i].group, math.nan),
             unit=of.labels[i].unit,
         )
-        for i in _known(one)
+        for i in which
     )
+
+
+def at_once(problem: Problem) -> dict[Hashable, float]:
+    """Return how many events of all pixels together one pulse brings, on average, for each group of pulses.
+
+    Of the polarity that is asked for, in the response window: these come at once, and wait for each other.
+    """
+    pixels = {p.index: int(active_pixels(p).sum()) for p in problem.points}
+    found: dict[Hashable, float] = {}
+    for label, ratio in zip(problem.measured.labels, problem.measured.ratio, strict=True):
+        if label.view in _OF_ANSWERS:
+            found[label.group] = found.get(label.group, 0.0) + pixels[label.point] * float(ratio)
+    return found
 
 
 def residuals_by_step(problem: Problem, fits: Sequence[Fit]) -> ResidualsByStep:
@@ -134,26 +179,24 @@ def residuals_by_step(problem: Problem, fits: Sequence[Fit]) -> ResidualsByStep:
     return {n: (residuals_of(problem, one), correlation_of(problem, one)) for n, one in enumerate(fits)}
 
 
-def _known(one: Fit) -> list[int]:
-    """Return the places of the statistics that say something."""
-    return np.flatnonzero(one.known).tolist()
-
-
-def _in_their_unit(of: Measured, one: Fit) -> Floats:
+def _in_their_unit(of: Measured, predicted: Floats, deviation: Floats) -> Floats:
     """Return the standard errors in the unit of the label: shares and counts were transformed."""
-    sigma = np.asarray(one.deviation * math.sqrt(one.caution))
-    slope = slope_of(of.kinds, one.ratio, of.bottom)
-    return np.where(slope > 0.0, sigma / np.where(slope > 0.0, slope, 1.0), sigma)
+    slope = slope_of(of.kinds, predicted, of.bottom)
+    return np.where(slope > 0.0, deviation / np.where(slope > 0.0, slope, 1.0), deviation)
 
 
 def correlation_of(problem: Problem, one: Fit) -> Floats:
     """Return the (n, n) correlation of the residuals of :func:`residuals_of`; points count as independent."""
-    full = np.eye(len(one.deviation))
-    for root, where in zip(one.roots, problem.measured.points, strict=True):
-        mix = np.linalg.pinv(root)
-        covariance = mix @ mix.T
+    mixes = (np.linalg.pinv(root) for root in one.roots)
+    known = np.flatnonzero(one.known)
+    return _correlation([mix @ mix.T for mix in mixes], problem.measured.points)[np.ix_(known, known)]
+
+
+def _correlation(covariances: Sequence[Floats], points: Sequence[slice]) -> Floats:
+    """(n, n) correlation of statistics with these covariances in each point."""
+    full = np.eye(sum(len(c) for c in covariances))
+    for covariance, where in zip(covariances, points, strict=True):
         scale = np.sqrt(np.where(np.diag(covariance) > 0.0, np.diag(covariance), 1.0))
         full[where, where] = covariance / np.outer(scale, scale)
     np.fill_diagonal(full, 1.0)
-    known = _known(one)
-    return np.asarray(full[np.ix_(known, known)])
+    return full

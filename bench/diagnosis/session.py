@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from bench.store import Run
     from bench.store.data import PointData, Sensor
 
-__all__ = ["Session", "open_session"]
+__all__ = ["Session", "on_its_clock", "open_session"]
 
 #: Time between two looks of the comparators where the time stamps do not tell it, us.
 _USUAL_GRID_US: Final = 10
@@ -105,7 +105,7 @@ class Session:
         That is as it should be: it is kept unless it leaves more than chance does, and more than the first.
         """
         for number in range(_ROUNDS):
-            problem = _in_time(self.problem, found.slots, found.x)
+            problem = on_its_clock(self.problem, found.slots, found.x)
             late_us = abs(problem.forward.late_us - self.problem.forward.late_us)
             if late_us < _LATE_US or deviance_per_dof(self.problem, found) > _STANDS_IN:
                 break
@@ -182,7 +182,7 @@ def open_session(
         )  # fmt: skip
 
 
-def _in_time(problem: Problem, slots: Sequence[Slot], at: npt.NDArray[np.float64]) -> Problem:
+def on_its_clock(problem: Problem, slots: Sequence[Slot], at: npt.NDArray[np.float64]) -> Problem:
     """Return the problem with events that are simulated as late as those of the run are.
 
     What that does to latencies is no straight line where they are not much longer.

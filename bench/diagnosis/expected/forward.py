@@ -15,7 +15,7 @@ from bench.diagnosis.expected.catalogue import before_readout
 from bench.diagnosis.expected.same_law import representatives
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import summarise_each
-from bench.diagnosis.views.registry import views
+from bench.diagnosis.views.registry import shown_views, views
 from bench.models.simulation import point_chain, recording_seed
 from protocols.points import Roi
 from sim_backend.pixel.effects.light_flicker import LightFlicker
@@ -68,6 +68,7 @@ class Task:
     share: float = 1.0  #: of the pixels
     late_us: int = 0  #: by which events come later than the pixels send them
     run: str = ""  #: tells the points of one run from those of another; empty: nothing is remembered
+    shown: bool = False  #: looked at with the views by which no fit goes, too
 
 
 def engine_of(dt_s: float) -> FastEngine:
@@ -80,6 +81,7 @@ def sensors_of(task: Task) -> list[Sensor]:
     taken = [_Taken(task, models, number) for models, number in zip(task.models, task.sensors, strict=True)]
     found: list[list[Summary]] = [[] for _ in taken]
     whole = task.share >= 1.0  # what pixels do to each other is looked at in one sensor at a time
+    with_views = (*views(), *shown_views()) if task.shown else views()
     for index in range(len(task.points)):
         fresh = [i for i, one in enumerate(taken) if one.is_looked_at(index)]
         if fresh:
@@ -87,7 +89,7 @@ def sensors_of(task: Task) -> list[Sensor]:
             pixels = _Pixels(taken[i].pixels(index) for i in fresh)
             for some in [[i] for i in fresh] if whole else [fresh]:
                 recording = Recording(frame, *(taken[i].events(frame, index, pixels) for i in some))
-                for i, summary in zip(some, summarise_each(recording, views(), whole=whole), strict=True):
+                for i, summary in zip(some, summarise_each(recording, with_views, whole=whole), strict=True):
                     found[i].append(summary)
         for i, one in enumerate(taken):
             if i not in fresh:
@@ -228,6 +230,7 @@ class Forward:
         self._done = done
         self._run = uuid.uuid4().hex
         self.late_us = 0  #: by which the events of the run come later than the stimulus says, as far as it is known
+        self.shown = False  #: sensors are looked at with the views by which no fit goes, too
         self.simulated = 0  #: sensors so far
 
     @property
@@ -245,6 +248,12 @@ class Forward:
         """Return the same for a run whose events come so much later than the stimulus says, in all."""
         other = copy(self)
         other.late_us = late_us
+        return other
+
+    def with_shown(self) -> Forward:
+        """Return the same, looked at with the views by which no fit goes, too."""
+        other = copy(self)
+        other.shown = True
         return other
 
     def run(
@@ -285,7 +294,7 @@ class Forward:
 
     def _task(self, models: Sequence[Sequence[PixelModel]], sensors: Sequence[int], seed: int, share: float) -> Task:
         each = tuple(tuple(one) for one in models)
-        return Task(self._points, each, tuple(sensors), self.dt_s, seed, share, self.late_us, self._run)
+        return Task(self._points, each, tuple(sensors), self.dt_s, seed, share, self.late_us, self._run, self.shown)
 
 
 def _bundles(

@@ -18,7 +18,7 @@ from bench.diagnosis.recorded.excerpt import ENOUGH_EVENTS
 from bench.diagnosis.recorded.outlying import outlying_pixels
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import add, summarise
-from bench.diagnosis.views.registry import views
+from bench.diagnosis.views.registry import shown_views, views
 from sim_backend.pixel.effects.hot_pixels import HotPixels
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.expected.forward import Forward, Sensor
     from bench.diagnosis.expected.residuals import Expectation
     from bench.diagnosis.recorded.outlying import Outlying
-    from bench.diagnosis.recorded.summary import Label
+    from bench.diagnosis.recorded.summary import Label, Summary
     from bench.store.data import PointData
     from sim_backend.pixel.model import PixelModel
 
@@ -49,6 +49,8 @@ _MOST: Final = 24.0
 #: What is read off the events moves by no more than about this share of how well it is known.
 _HELD: Final = 0.3
 
+#: Views of latencies, as logarithms.
+_LATENCIES: Final = frozenset({"latency", "latency_10", "latency_50", "latency_90"})
 #: Times are known no better than this beside the stimulus.
 _TIMING_S: Final = 1e-5
 
@@ -81,17 +83,23 @@ def settings_of(points: Sequence[PointData]) -> list[int]:
 def _blurred(labels: Sequence[Label], ratio: Floats, blur_s: float) -> tuple[Label, ...]:
     """Return the labels; the logarithms of latencies are known no better than this difference of times allows."""
     share = {
-        label.group: blur_s * math.exp(-value) if np.isfinite(value) else 0.0
-        for label, value in zip(labels, ratio, strict=True) if label.view == "latency"
+        (label.view, label.group): blur_s * math.exp(-value) if np.isfinite(value) else 0.0
+        for label, value in zip(labels, ratio, strict=True) if label.view in _LATENCIES
     }  # fmt: skip
     found = []
     for label in labels:
-        if label.view == "latency":
-            label = replace(label, least=share[label.group])
+        if label.view in _LATENCIES:
+            label = replace(label, least=share[label.view, label.group])
         elif label.view == "latency_spread":
-            label = replace(label, least=share.get(label.group, 0.0) ** 2)
+            label = replace(label, least=share.get(("latency", label.group), 0.0) ** 2)
         found.append(label)
     return tuple(found)
+
+
+def _measured(seen: Sequence[Summary], blur_s: float) -> Measured:
+    """Return the statistics of a run; latencies are compared no finer than the sensor and the simulation cut time."""
+    found = measured(seen)
+    return replace(found, labels=_blurred(found.labels, found.ratio, blur_s)) if blur_s > 0.0 else found
 
 
 def _by_eye(points: Sequence[PointData], outlying: Outlying | None) -> dict[str, dict[str, float]]:
@@ -140,6 +148,7 @@ class Problem:
     thrift: float = 1.0
     """Of all efforts: a run of more events than are enough takes no longer than one of so many. As much less of it is
     simulated, and expected values are known as much less well."""
+    blur_s: float = 0.0  #: how differently the sensor and the simulation may cut time
 
     @classmethod
     def of(cls, points: Sequence[PointData], forward: Forward, blur_s: float = 0.0) -> Problem:
@@ -154,15 +163,18 @@ class Problem:
         """
         recordings = (Recording(Frame(p), p.events()) for p in points)
         seen, events = zip(*((summarise(r, views()), r.t_us.size) for r in recordings), strict=True)
-        found = measured(seen)
-        if blur_s > 0.0:
-            found = replace(found, labels=_blurred(found.labels, found.ratio, blur_s))
+        found = _measured(seen, blur_s)
         timing_s, outlying = max(forward.dt_s, _TIMING_S), outlying_pixels(points)
         return cls(
             tuple(points), forward, found, tuple(settings_of(points)), timing_s, _by_eye(points, outlying),
             _counted(outlying),
-            thrift=min(1.0, ENOUGH_EVENTS / max(sum(events), 1)),
+            thrift=min(1.0, ENOUGH_EVENTS / max(sum(events), 1)), blur_s=blur_s,
         )  # fmt: skip
+
+    def with_shown(self) -> Problem:
+        """Return the same, looked at with the views by which no fit goes, too."""
+        seen = [summarise(Recording(Frame(p), p.events()), (*views(), *shown_views())) for p in self.points]
+        return replace(self, forward=self.forward.with_shown(), measured=_measured(seen, self.blur_s))
 
     @property
     def settings(self) -> int:

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Fit", "live", "off_known", "prior_precision", "solve", "whiten"]
+__all__ = ["KNOWN", "Fit", "live", "off_known", "prior_precision", "solve", "whiten"]
 
 #: A larger standard error stands for a statistic that was not measured, or is not predicted.
-_KNOWN: Final = 1e5
+KNOWN: Final = 1e5
 #: A smaller variance is that of a number of which nothing is known.
 _NONE: Final = 1e-100
 #: Combinations of statistics that hardly vary are left out: their rows are zero.
@@ -53,7 +53,7 @@ class Fit:
     @property
     def known(self) -> npt.NDArray[np.bool_]:
         """(n,) which statistics say something: they were measured, and are predicted."""
-        return self.deviation < _KNOWN
+        return self.deviation < KNOWN
 
     @property
     def caution(self) -> float:

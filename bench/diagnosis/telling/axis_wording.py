@@ -19,6 +19,7 @@ _TITLES: Final = {
     "illuminance": "illuminance on chip",
     "contrast": "log contrast",
     "pulse width": "length of the test pulse",
+    "events at once": "events of all pixels in one pulse",
     "polarity": "polarity",
     "ND filter": "density of the ND filter",
     "order": "points in their order",
@@ -45,7 +46,7 @@ def bin_label(one: Bin) -> str:
         return _POLARITIES[int(one.low)]
     if one.axis == "order":
         return f"point {one.low:.0f}" if one.low == one.high else f"points {one.low:.0f} to {one.high:.0f}"
-    if one.axis == "contrast":
+    if one.axis in ("contrast", "events at once"):
         low, high = f"{one.low:.3g}", f"{one.high:.3g}"
         return low if low == high else f"{low} to {high}"
     low, high = on_axis(one.axis, one.low), on_axis(one.axis, one.high)

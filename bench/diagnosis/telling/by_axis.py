@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from bench.diagnosis.views.registry import shown_views
+
 if TYPE_CHECKING:
     from collections.abc import Container, Hashable, Iterable, Sequence
 
@@ -37,15 +39,17 @@ __all__ = [
 ]
 
 Axis = Literal[
-    "anywhere", "illuminance", "contrast", "pulse width", "polarity", "ND filter", "order", "halves"
+    "anywhere", "illuminance", "contrast", "pulse width", "events at once", "polarity", "ND filter", "order",
+    "halves",
 ]  # fmt: skip
 AXES: Final[tuple[Axis, ...]] = (
-    "anywhere", "illuminance", "contrast", "pulse width", "polarity", "ND filter", "order", "halves",
+    "anywhere", "illuminance", "contrast", "pulse width", "events at once", "polarity", "ND filter", "order",
+    "halves",
 )  # fmt: skip
 #: In what an axis is numbered.
 UNITS: Final[dict[Axis, str]] = {
-    "anywhere": "", "illuminance": "lux", "contrast": "ln", "pulse width": "s", "polarity": "", "ND filter": "OD",
-    "order": "1", "halves": "",
+    "anywhere": "", "illuminance": "lux", "contrast": "ln", "pulse width": "s", "events at once": "1",
+    "polarity": "", "ND filter": "OD", "order": "1", "halves": "",
 }  # fmt: skip
 #: The view of a bin that takes all views together.
 ALL_VIEWS: Final = "all"
@@ -66,8 +70,9 @@ _FEWEST_PLACES: Final = 2
 class Bin:
     """Residuals at one value of an axis, or at neighbouring ones.
 
-    The axis `order` counts points as they were taken, `halves` has the statistics that hold the second half of a
-    recording against the first, and `anywhere` takes all together.
+    The axis `events at once` counts the events that all pixels together send in answer to one pulse, `order` the
+    points as they were taken; `halves` has the statistics that hold the second half of a recording against the first,
+    and `anywhere` takes all together.
     """
 
     axis: Axis
@@ -172,6 +177,8 @@ def _value(axis: Axis, one: Residual) -> float:
         return one.log_contrast if one.log_contrast > 0.0 else math.nan
     if axis == "order":
         return float(one.point)
+    if axis == "events at once":
+        return one.at_once
     return {"illuminance": one.baseline_lux, "pulse width": one.width_s, "ND filter": one.nd_od}[axis]
 
 
@@ -208,7 +215,7 @@ def _bin(
 def worst_places(
     residuals: Sequence[Residual], correlation: Floats | None = None, most: int = 5, least_z: float = 3.5
 ) -> tuple[Place, ...]:
-    """Return where the model fails most, one place for each view and polarity, the worst first.
+    """Return where the model fails most, one place for each view by which fits go and polarity, the worst first.
 
     Parameters
     ----------
@@ -216,8 +223,10 @@ def worst_places(
         Residuals that are nearer than this are nothing to speak of.
     """
     groups: dict[Hashable, list[int]] = {}
+    said_by_others = {view.id for view in shown_views()}
     for i, one in enumerate(residuals):
-        groups.setdefault((one.view, one.part), []).append(i)
+        if one.view not in said_by_others:
+            groups.setdefault((one.view, one.part), []).append(i)
     found = []
     for mine in groups.values():
         worst = max(mine, key=lambda i: abs(residuals[i].z))

@@ -52,6 +52,9 @@ class View:
     title: ClassVar[str]  #: what it shows, for an axis
     of_array: ClassVar[bool] = False
     """What it shows depends on how many pixels there are: it looks at whole sensors only, one by one."""
+    fitted: ClassVar[bool] = True
+    """Fits and searches go by it. Else `compare` alone shows it: for the eye, where other views tell as much in fewer
+    numbers."""
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield what this view has to say about a recording, always the same statistics for the same frame.

@@ -18,7 +18,14 @@ from bench.diagnosis.views.background import (
     SamePolarity,
 )
 from bench.diagnosis.views.base import View
-from bench.diagnosis.views.latency import Latency, LatencySpread, SecondEvent
+from bench.diagnosis.views.latency import (
+    EarlyLatency,
+    LateLatency,
+    Latency,
+    LatencySpread,
+    MedianLatency,
+    SecondEvent,
+)
 from bench.diagnosis.views.locked import Locked, LockedAcross
 from bench.diagnosis.views.response import ExtraEvents, OtherPolarity, Response
 from bench.diagnosis.views.scatter import CommonMode, Halves, PixelSpread, Succession
@@ -28,10 +35,20 @@ from protocols.user_module import sha256_of
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from importlib.metadata import EntryPoint
 
-__all__ = ["GROUP", "VIEWS", "forget_view_files", "load_same_view_files", "load_view_files", "same_views", "views"]
+__all__ = [
+    "GROUP",
+    "SHOWN",
+    "VIEWS",
+    "forget_view_files",
+    "load_same_view_files",
+    "load_view_files",
+    "same_views",
+    "shown_views",
+    "views",
+]
 
 #: Entry-point group of views that other distributions bring.
 GROUP: Final = "evs_bench.views"
@@ -59,20 +76,38 @@ VIEWS: Final[tuple[View, ...]] = (
     Locked(),
     LockedAcross(),
 )
+#: Those by which no fit goes.
+SHOWN: Final[tuple[View, ...]] = (EarlyLatency(), MedianLatency(), LateLatency())
 
+_BUILT_IN: Final = {view.id: "a built-in view" for view in (*VIEWS, *SHOWN)}
 _FILES: Final[dict[Path, ViewSource]] = {}
 
 
 def views() -> tuple[View, ...]:
-    """Return all views: the built-in ones, those of installed plug-ins, then those of a user's files.
+    """Return the views by which fits go: the built-in ones, those of plug-ins, then those of a user's files.
 
     Raises
     ------
     InputError
         A plug-in cannot be imported, brings something that is no view, or an id that is taken.
     """
-    sources = (*_plug_ins(), *_FILES.values())
-    return (*VIEWS, *(view for source in sources for view in source.views))
+    return (*VIEWS, *(view for view in _of_others() if view.fitted))
+
+
+def shown_views() -> tuple[View, ...]:
+    """Return the views by which no fit goes, which `compare` shows beside the others; in the same order.
+
+    Raises
+    ------
+    InputError
+        As for :func:`views`.
+    """
+    return (*SHOWN, *(view for view in _of_others() if not view.fitted))
+
+
+def _of_others() -> Iterator[View]:
+    for source in (*_plug_ins(), *_FILES.values()):
+        yield from source.views
 
 
 def load_view_files(paths: Iterable[str | os.PathLike[str]]) -> None:
@@ -88,7 +123,7 @@ def load_view_files(paths: Iterable[str | os.PathLike[str]]) -> None:
         if where in _FILES and where.is_file() and sha256_of(where) == _FILES[where].sha256:
             continue
         found = read_view_file(path)
-        others = {view.id: "a built-in view" for view in VIEWS}
+        others = dict(_BUILT_IN)
         others |= {view.id: f"of {source.package}" for source in _plug_ins() for view in source.views}
         others |= {v.id: str(known) for known, source in _FILES.items() if known != where for v in source.views}
         _refuse_taken(f"{path}", found.views, others)
@@ -106,7 +141,7 @@ def _refuse_taken(owner: str, found: Iterable[View], others: Mapping[str, str]) 
 @cache
 def _plug_ins() -> tuple[ViewSource, ...]:
     """Return the views of installed plug-ins. Each process finds them by itself."""
-    taken = {view.id: "a built-in view" for view in VIEWS}
+    taken = dict(_BUILT_IN)
     found = []
     for point in entry_points(group=GROUP):
         source = _plug_in(point)

@@ -30,7 +30,8 @@ class _Own(View):
     def __init__(self, view: View, source: str) -> None:
         self._view = view
         self._source = source
-        self.id, self.title, self.of_array = view.id, view.title, view.of_array  # type: ignore[misc]
+        self.id, self.title = view.id, view.title  # type: ignore[misc]
+        self.of_array, self.fitted = view.of_array, view.fitted  # type: ignore[misc]
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield what the user's view yields.

@@ -10,7 +10,7 @@ import pytest
 
 from bench.diagnosis.comparison import Comparison, compare
 from bench.diagnosis.recorded.position import patterns, pixel_map
-from bench.diagnosis.telling.by_axis import by_axis
+from bench.diagnosis.telling.by_axis import by_axis, worst_places
 from bench.diagnosis.telling.saving import comparison_dict, save_comparison
 from bench.diagnosis.telling.wording import comparison_lines
 from sim_backend.pixel import PixelModel, read_model_file
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+QUANTILES = ("latency_10", "latency_50", "latency_90")
 PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
 
 
@@ -36,8 +37,8 @@ def compared(make: tuple[Callable[..., Any], Callable[..., Any]], told: list[str
 
 
 def test_the_true_model_is_not_far_off(comparison: Comparison, told: list[str]) -> None:
-    assert told == ["looking at the events", "fitting the model"]
-    z = np.array([r.z for r in comparison.residuals])
+    assert told == ["looking at the events", "fitting the model", "looking closer"]
+    z = np.array([r.z for r in comparison.residuals if r.view not in QUANTILES])
     # Some 80 statistics, of which those of a point depend on each other; five numbers were fitted.
     assert 40 < z.size < 150
     assert 0.3 < np.mean(z**2) < 2.0
@@ -55,6 +56,38 @@ def test_what_was_measured_is_in_the_residuals_with_its_error(comparison: Compar
         assert 7e-4 < one.sigma < 0.12
         if 0.1 < one.predicted < 0.9:
             assert (one.observed - one.predicted) / one.sigma == pytest.approx(one.z, abs=0.2 + 0.2 * abs(one.z))
+
+
+def test_quantiles_of_the_latency_are_shown_beside_what_is_fitted(comparison: Comparison) -> None:
+    by_view = {v: [r for r in comparison.residuals if r.view == v] for v in ("latency", *QUANTILES)}
+    # ON and OFF of four points; that the sensor's answers come in other places of 24 is chance: 3.7 standard errors
+    assert {len(mine) for mine in by_view.values()} == {8}
+    assert max(abs(r.z) for view in QUANTILES for r in by_view[view]) < 3.7
+    for early, middle, late in zip(*(by_view[view] for view in QUANTILES), strict=True):
+        assert early.observed < middle.observed < late.observed
+        assert early.predicted < middle.predicted < late.predicted
+        assert (early.part, early.point, early.unit) == (late.part, late.point, "ln")
+
+
+def test_the_events_that_one_pulse_brings_are_those_of_all_pixels(comparison: Comparison) -> None:
+    """64 pixels: those that answer, and the further events of each."""
+    of = {(r.view, r.part, r.point): r for r in comparison.residuals}
+    for (view, part, point), one in of.items():
+        if view in ("background", "regularity", "intervals", "same_polarity"):
+            continue
+        if one.log_contrast > 0.0 and part != "both":
+            more = of[("extra_events", part, point)].observed
+            assert one.at_once == pytest.approx(64.0 * (of[("response", part, point)].observed + more))
+    assert all(np.isnan(r.at_once) for r in comparison.residuals if r.log_contrast == 0.0)
+    assert any(b.axis == "events at once" and b.high > 40.0 for b in by_axis(comparison.residuals))
+
+
+def test_what_is_shown_alone_is_no_worst_place(comparison: Comparison) -> None:
+    """It says again what others say."""
+    places = worst_places(comparison.residuals, comparison.correlation, most=100, least_z=0.0)
+    views = {p.worst.view for p in places}
+    assert "latency" in views
+    assert not views & set(QUANTILES)
 
 
 def test_correlations_are_of_points_and_make_means_less_sharp(comparison: Comparison) -> None:

@@ -7,14 +7,14 @@ import re
 from pathlib import Path
 
 from bench.diagnosis.expected.parameters import base_parameters
-from bench.diagnosis.views.registry import VIEWS
+from bench.diagnosis.views.registry import SHOWN, VIEWS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "diagnosis.md"
 
 
 def test_the_page_has_all_views() -> None:
     rows = re.findall(r"^\| `(\w+)` \| (.+) \|$", PAGE.read_text(), re.MULTILINE)
-    said = [(v.id, " ".join((inspect.getdoc(v) or "").split("\n\n")[0].split())) for v in VIEWS]
+    said = [(v.id, " ".join((inspect.getdoc(v) or "").split("\n\n")[0].split())) for v in (*VIEWS, *SHOWN)]
     assert rows == said
 
 

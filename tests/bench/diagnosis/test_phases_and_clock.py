@@ -38,7 +38,7 @@ class MadeUp:
 
 
 def in_time(problem: Any, late_s: float) -> Any:
-    return session._in_time(problem, OFFSET, np.array([late_s]))
+    return session.on_its_clock(problem, OFFSET, np.array([late_s]))
 
 
 def test_phases_turn_with_the_events() -> None:

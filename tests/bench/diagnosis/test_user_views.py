@@ -17,10 +17,12 @@ from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import summarise
 from bench.diagnosis.views import registry
 from bench.diagnosis.views.registry import (
+    SHOWN,
     VIEWS,
     forget_view_files,
     load_view_files,
     same_views,
+    shown_views,
     views,
 )
 from bench.diagnosis.views.response import Response
@@ -79,6 +81,14 @@ def test_the_documented_view_counts_late_answers(tmp_path: Path, make: Make) -> 
         assert found.bottom[i] == answers.answered.sum()
 
 
+def test_a_view_by_which_no_fit_goes_is_shown_alone(tmp_path: Path) -> None:
+    text = SHORT.replace("class Mine(View):\n", "class Mine(View):\n    fitted = False\n") + "        yield 1\n"
+    load_view_files([file_with(tmp_path, text)])
+    assert views() == VIEWS
+    assert [v.id for v in shown_views()] == [*(v.id for v in SHOWN), "mine"]
+    assert not any(v.fitted for v in shown_views())
+
+
 def test_another_process_looks_with_the_same(tmp_path: Path) -> None:
     assert same_views() is None
     path = documented(tmp_path)
@@ -100,6 +110,7 @@ def test_another_process_looks_with_the_same(tmp_path: Path) -> None:
         (HEAD + "class Mine(View):\n    id = 'mine'\n", "Mine: has no title"),
         (HEAD + "class Mine(View):\n    id = 'mine'\n    title = 'm'\n", "Mine: does not look"),
         (SHORT.replace('"mine"', '"response"') + "        yield 1\n", "the id response is taken"),
+        (SHORT.replace('"mine"', '"latency_50"') + "        yield 1\n", "the id latency_50 is taken"),
         ("def f(:\n", r"my_view.py:1:\d+: is no Python"),
     ],
 )

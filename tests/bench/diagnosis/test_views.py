@@ -8,16 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from bench.diagnosis.expected.residuals import expectation, measured
 from bench.diagnosis.recorded.recording import Frame, Recording
-from bench.diagnosis.recorded.summary import summarise
-from bench.diagnosis.views.registry import VIEWS
+from bench.diagnosis.recorded.summary import summarise, summarise_each
+from bench.diagnosis.views.registry import SHOWN, VIEWS
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import ThresholdMismatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    import numpy.typing as npt
 
     from bench.diagnosis.recorded.summary import Summary
 
@@ -61,6 +64,69 @@ def test_answers_written_by_hand(point: Callable[..., Any], recorded: Callable[.
     assert value(summary, "second_event", "on") == pytest.approx(math.log(9e-3))
     assert value(summary, "halves", "on") == pytest.approx(-2 / (PIXELS * 5))
     assert math.isnan(value(summary, "second_event", "off"))
+
+
+def spread_answers(latency_us: npt.NDArray[np.int64]) -> list[tuple[int, int, int, int]]:
+    """Return one ON event for each pixel (8 x 8) and each of ten pulses, so late: (64, 10)."""
+    found = [
+        (50_000 + 100_000 * j + int(latency_us[i, j]), i % 8, i // 8, 1) for i in range(PIXELS) for j in range(10)
+    ]
+    return sorted(found)
+
+
+def quantiles_of(taken: Any) -> tuple[list[float], list[float]]:
+    """Return the three quantiles of the latencies of ON, and their standard errors."""
+    found = summarise(Recording(Frame(taken), taken.events()), SHOWN)
+    mine = [i for i, label in enumerate(found.labels) if label.part == "on"]
+    assert [found.labels[i].view for i in mine] == ["latency_10", "latency_50", "latency_90"]
+    return [float(found.ratio[i]) for i in mine], [math.sqrt(found.covariance()[i, i]) for i in mine]
+
+
+def test_quantiles_of_the_latency(point: Callable[..., Any], recorded: Callable[..., Any]) -> None:
+    """They are those of all answers; of a normal distribution they are known to the root of p (1 - p) / n, by f."""
+    late_us = np.rint(5000.0 * np.exp(0.3 * np.random.default_rng(8).standard_normal((PIXELS, 10)))).astype(np.int64)
+    values, errors = quantiles_of(recorded(point(0, 0.4), spread_answers(late_us)))
+    assert values == pytest.approx(np.log(np.quantile(1e-6 * late_us, [0.1, 0.5, 0.9])), abs=1e-3)
+    for value, error, share in zip(values, errors, (0.1, 0.5, 0.9), strict=True):
+        density = norm.pdf(norm.ppf(share)) / 0.3
+        assert error == pytest.approx(math.sqrt(share * (1.0 - share) / late_us.size) / density, rel=0.3)
+        assert abs(value - (math.log(5e-3) + 0.3 * norm.ppf(share))) < 4.0 * error
+
+
+def test_quantiles_of_pixels_that_differ_are_known_less_well(
+    point: Callable[..., Any], recorded: Callable[..., Any]
+) -> None:
+    """Ten pulses of a pixel that always answers alike tell as much as one."""
+    rng = np.random.default_rng(9)
+    own = np.exp(0.3 * rng.standard_normal((PIXELS, 1))) * np.ones((1, 10))
+    mixed = rng.permutation(own.ravel()).reshape(own.shape)
+    alike, apart = (
+        quantiles_of(recorded(point(0, 0.4), spread_answers(np.rint(5000.0 * one).astype(np.int64))))
+        for one in (own, mixed)
+    )
+    assert alike[0] == pytest.approx(apart[0])
+    # a standard deviation of 64 pixels is known to 9 %, and this is a ratio of two
+    assert np.array(alike[1]) / apart[1] == pytest.approx(math.sqrt(10.0), rel=0.4)
+
+
+def test_quantiles_of_times_that_are_all_the_same(point: Callable[..., Any], recorded: Callable[..., Any]) -> None:
+    values, errors = quantiles_of(recorded(point(0, 0.4), spread_answers(np.full((PIXELS, 10), 700))))
+    assert values == pytest.approx([math.log(7e-4)] * 3)
+    assert errors == pytest.approx([0.0] * 3, abs=1e-6)  # of logarithms near 7, as differences of squares
+
+
+def test_quantiles_of_several_sensors_are_those_of_each(
+    point: Callable[..., Any], recorded: Callable[..., Any]
+) -> None:
+    rng = np.random.default_rng(10)
+    one, other = (
+        recorded(point(0, 0.4), spread_answers(rng.integers(500, size, (PIXELS, 10)))) for size in (3000, 9000)
+    )
+    both = summarise_each(Recording(Frame(one), one.events(), other.events()), SHOWN, whole=False)
+    for taken, found in zip((one, other), both, strict=True):
+        alone = summarise(Recording(Frame(taken), taken.events()), SHOWN)
+        assert np.array_equal(found.top, alone.top)
+        assert np.array_equal(found.bottom, alone.bottom)
 
 
 def test_no_latency_where_the_events_told_when_the_light_changed(
