@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.searching.state import State
+    from sim_backend.pixel.model import PixelModel
 
 __all__ = ["errors_of"]
 
 _OTHER_SEED: Final = 7919
-#: So many times as much is simulated as for a look of a fit: a small effect shows on unseen points, too.
+#: So many times as many pixels are simulated as for a look of a fit, of every model, if the dearest does not take so
+#: many times as long as that: a small effect shows on unseen points, too, and models of equally many pixels have the
+#: chance of these in common.
 _EFFORT: Final = 4.0
+_LONGEST: Final = 40.0
 
 
 def errors_of(states: Sequence[State], seed: int) -> list[Error]:
@@ -53,14 +57,21 @@ def errors_of(states: Sequence[State], seed: int) -> list[Error]:
 def _with_the_chance_of_the_last(states: Sequence[State], seed: int) -> list[Fit]:
     """Return the fits but for the last one, all differences to which come from the same random numbers."""
     *others, last = states
-    there = moved(last.problem, last.fit, last.fit.x, seed, _EFFORT)
+    costs = [state.problem.cost(_models_of(state)) for state in states]
+    effort = min(_EFFORT, _LONGEST / max(costs))
+    there = moved(last.problem, last.fit, last.fit.x, seed, effort * costs[-1])
     found = []
-    for state in others:
-        one, here = state.fit, moved(state.problem, state.fit, state.fit.x, seed, _EFFORT)
+    for state, cost in zip(others, costs[:-1], strict=True):
+        one, here = state.fit, moved(state.problem, state.fit, state.fit.x, seed, effort * cost)
         both = here.known & there.known & one.known & last.fit.known
         residual = np.where(both, last.fit.residual + there.value - here.value, one.residual)
         found.append(replace(one, residual=residual, scale=last.fit.scale))
     return found
+
+
+def _models_of(state: State) -> list[PixelModel]:
+    """Return the fitted model of each point."""
+    return state.problem.models(state.fit.model, state.fit.slots, state.fit.x)
 
 
 def _without_chance(state: State, one: Fit, other: Fit) -> Error:

@@ -34,6 +34,8 @@ _SHORTLIST: Final = 3
 #: what is too much in the loss.
 _SHORTLISTS: Final = 2
 _FORESEEN: Final = 0.3
+#: Near a true model those are refitted together that promise such a share of what the clearest does.
+_ABOUT_AS_MUCH: Final = 0.5
 #: Only effects are on it that are expected to explain at least so much of what the first of them does.
 _PROMISING: Final = 0.05
 #: Where the model is far off, an effect that is worth its name takes away this share of what is too much.
@@ -92,9 +94,12 @@ class Shortlist:
         """
         names = [name for name in self._promising(state.fit, state.scores) if name not in without]
         if not is_far_off(self._problem, state.fit):
-            for name in names[:_SHORTLIST]:  # the clearest one may be finer than what can be told, or needless
-                if state.proposal is None:
-                    self._propose(state, [name])
+            names = names[:_SHORTLIST]
+            clearest = self._with_twins(state, self._about_as_promising(state.scores, names), without)
+            # These may be finer than what can be told, or needless.
+            for some in (clearest, *([name] for name in names if name not in clearest)):
+                if state.proposal is None and some:
+                    self._propose(state, some)
             return
         together = _SHORTLIST if self._is_foreseen(state) else _SHORTLISTS * _SHORTLIST
         for first in range(0, min(len(names), _SHORTLISTS * _SHORTLIST), together):
@@ -127,6 +132,17 @@ class Shortlist:
         significant.sort(key=lambda i: -scores.drop[i] if far_off else scores.p_value[i])
         enough = _PROMISING * scores.drop[significant[0]] if far_off else -math.inf
         return [scores.probes[i].effect.id for i in significant if scores.drop[i] >= enough]
+
+    @staticmethod
+    def _about_as_promising(scores: Scores, names: Sequence[str]) -> list[str]:
+        """Return the first of some effects, and those that promise about as much: the screen does not tell the best.
+
+        Two that do nearly the same differ in it by the chance of the changes that are expected.
+        """
+        if not names:
+            return []
+        drop = {one.effect.id: float(drop) for one, drop in zip(scores.probes, scores.drop, strict=True)}
+        return [name for name in names if name == names[0] or drop[name] > _ABOUT_AS_MUCH * drop[names[0]]]
 
     def _all_others(self, state: State, without: Collection[str]) -> list[str]:
         """Return the effects that were not refitted yet.

@@ -16,6 +16,7 @@ from bench.diagnosis.fitting.fitted import Fit
 from bench.diagnosis.searching import fall_of_errors as module
 from bench.diagnosis.searching.fall_of_errors import errors_of
 from sim_backend.pixel import PixelModel
+from sim_backend.pixel.effects import Leak
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -27,7 +28,11 @@ N = POINTS * EACH
 SLICES = tuple(slice(i * EACH, (i + 1) * EACH) for i in range(POINTS))
 #: (n,) what was measured, with the scatter of a true model that expects 0, and no responses among it.
 MEASURED = np.random.default_rng(1).standard_normal(N)
-PROBLEM: Any = SimpleNamespace(measured=SimpleNamespace(points=SLICES, labels=(), ratio=np.zeros(N)))
+PROBLEM: Any = SimpleNamespace(
+    measured=SimpleNamespace(points=SLICES, labels=(), ratio=np.zeros(N)),
+    models=lambda model, *_: [model],
+    cost=lambda _: 1.0,
+)
 #: (n,) what the model without an effect expects instead: 30 in squares, of 600.
 LACKING = np.random.default_rng(2).standard_normal(N) * math.sqrt(30.0 / N)
 #: Standard deviation of what is simulated, beside that of what is measured.
@@ -50,6 +55,7 @@ class Simulations:
 
     def __init__(self) -> None:
         self.seeds: list[int] = []
+        self.efforts: dict[int, float] = {}
         self.states: list[Any] = []
         self.own = 0.0
 
@@ -62,9 +68,9 @@ class Simulations:
     def moved(self, problem: Any, one: Fit, x: Floats, seed: int, effort: float) -> Fit:
         assert problem is PROBLEM
         assert x is one.x
-        assert effort == module._EFFORT
         self.seeds.append(seed)
         number, true = next((i, s.true) for i, s in enumerate(self.states) if s.fit is one)
+        self.efforts[number] = effort
         common, own = (np.random.default_rng(key).standard_normal(N) for key in ([seed], [seed, number]))
         value = true + CHANCE * (common + self.own * own)
         return replace(one, value=value, residual=MEASURED - value)
@@ -89,6 +95,19 @@ def test_the_fall_is_that_of_the_effect(simulated: Simulations) -> None:
     assert errors[0].deviance_per_dof == pytest.approx(squares(last.fit.residual - LACKING))
     assert errors[0].heldout_deviance_per_dof > errors[1].heldout_deviance_per_dof
     assert sorted(simulated.seeds) == sorted(2 * [5, 5 + module._OTHER_SEED])
+
+
+@pytest.mark.parametrize("cost", [3.0, 80.0])
+def test_as_many_pixels_are_simulated_of_each_model(
+    simulated: Simulations, monkeypatch: pytest.MonkeyPatch, cost: float
+) -> None:
+    """Else they have no chance in common; a dear one does not take forever."""
+    monkeypatch.setattr(PROBLEM, "cost", lambda models: cost if models[0].effects else 0.5)
+    first, last = simulated.search(LACKING, np.zeros(N))
+    last.fit = replace(last.fit, model=last.fit.model + Leak(rate_per_s=0.1))
+    errors_of([first, last], 5)
+    pixels = min(4.0, 40.0 / cost)
+    assert simulated.efforts == pytest.approx({0: 0.5 * pixels, 1: cost * pixels})
 
 
 def test_chance_that_models_do_not_share_adds_nothing_on_average(simulated: Simulations) -> None:

@@ -272,9 +272,24 @@ def test_near_the_truth_the_next_one_is_asked_where_the_clearest_is_refused(
     names = ["jitter", "leak", "trail_filter", "crosstalk"]
     made = Near(names, dict.fromkeys(names, 0.0))
     state = made.state()
+    state.scores.drop = np.array([60.0, 25.0, 20.0, 10.0])
     made.choose(state)
     assert [name for (name,), _ in made.asked] == asked
     assert state.proposal == proposal
+
+
+def test_near_the_truth_what_promises_about_as_much_as_the_clearest_is_fitted_beside_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The leak does better than the drift, which is a little clearer in the screen."""
+    monkeypatch.setattr(shortlist, "is_far_off", lambda _, __: False)
+    names = ["light_drift", "crosstalk", "jitter", "high_pass", "leak"]
+    made = Promising(names[:4], {"light_drift": 0.3, "crosstalk": 0.1, "jitter": 0.2, "high_pass": 0.9, "leak": 0.8})
+    state = made.state()
+    state.scores.drop = np.array([70.0, 66.0, 20.0, 69.0, 10.0])
+    made.choose(state)
+    assert state.proposal == "leak"  # its twin: straight lines may say nothing of it
+    assert [names for names, _ in made.asked] == [["light_drift", "crosstalk", "leak"]]
 
 
 def test_where_nothing_promises_anything_all_are_asked_and_have_to_explain_most() -> None:
