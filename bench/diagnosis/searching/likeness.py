@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["TIED", "closest", "nearer", "separation", "stand_in"]
 
+#: Standard errors of the simulations that are taken off what is to be sure.
+_SURELY: Final = 2.0
 #: Separation, in standard errors, below which two effects cannot be told apart.
 TIED: Final = 2.0
 #: Effort of a simulation of two models, and how many there are; and both where these leave it in doubt, and chance
@@ -67,22 +69,29 @@ def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
     return _length(change)
 
 
-def nearer(problem: Problem, one: Found, other: Found, seed: int) -> float:
+def nearer(problem: Problem, one: Found, other: Found, seed: int, *, surely: bool = False) -> float:
     """Return by how much the run is nearer to another fitted model than to the first: as a fall of the deviance.
 
     The deviances of two models differ by the chance of all statistics in both simulations. Along the line from one
     model to the other there is hardly any: so far and no further are the residuals of both looked at (D. R. Cox,
     "Tests of separate families of hypotheses", Proc. 4th Berkeley Symp. Math. Statist. Prob., 1961).
+
+    Parameters
+    ----------
+    surely
+        Return what is left of it when two standard errors of the simulations are taken off.
     """
     fit, points = one.fit, problem.measured.points
     basis = basis_of(fit, problem, without=one.effect)
     models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
     # Of what few pixels have a simulated sensor has none, or twice as much.
-    effort = _DOUBTFUL[0] if is_of_few(one.effect) or is_of_few(other.effect) else _EFFORT
-    apart = _apart(problem, one, basis, [models], seed, effort, _TIMES)[0].mean(axis=0)
+    few = any(is_of_few(effect.id) for model in (fit.model, other.fit.model) for effect in model.effects)
+    apart = _apart(problem, one, basis, [models], seed, _DOUBTFUL[0] if few else _EFFORT, _TIMES)[0]
     both = fit.whiten(fit.residual + other.fit.residual, points)
     left = beyond(basis, np.concatenate([both, off_known(fit) + _off_known(other.fit, fit)])[:, None])[:, 0]
-    return float(_clipped(left) @ apart) / fit.common
+    each = apart @ _clipped(left) / fit.common
+    chance = float(each.std(ddof=1)) / math.sqrt(_TIMES)
+    return float(each.mean()) - (_SURELY * chance if surely else 0.0)
 
 
 def _off_known(one: Fit, like: Fit) -> Floats:

@@ -221,11 +221,12 @@ class Shortlist:
     def _with_the_nearest_first(self, found: Sequence[Found]) -> list[Found]:
         """Return fitted models; first the one to which the run is nearest, of those about as good as the best.
 
-        Their deviances are no more different than the chance of the simulations.
+        Their deviances are no more different than the chance of the simulations. Where it is not sure which is nearer
+        either, the better fit stays.
         """
         best = found[0]
         for other in found[1:]:
             if other.deviance - best.deviance < _ABOUT * math.sqrt(2.0 * freedom(best.fit)):
                 problem = best.beside(self._problem)
-                best = other if nearer(problem, best, other, self._seed + 57) > 0.0 else best
+                best = other if nearer(problem, best, other, self._seed + 57, surely=True) > 0.0 else best
         return [best, *(one for one in found if one is not best)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import MappingProxyType, SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from bench.diagnosis.searching.likeness import TIED, closest, nearer, separation
 from bench.diagnosis.searching.refit import Found
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects.dark_current import DarkCurrent
+from sim_backend.pixel.effects.hot_pixels import HotPixels
 from sim_backend.pixel.effects.leak import Leak
 from sim_backend.pixel.effects.stray_light import StrayLight
 
@@ -124,6 +125,42 @@ def test_a_run_is_nearer_to_the_model_that_made_it(true: int) -> None:
     fall = nearer(PROBLEM, one, noisy, seed=1)
     assert fall == pytest.approx(squares[0] - squares[1], abs=4.0 * 2.0 * np.sqrt(max(squares)))
     assert (fall > 0.0) == bool(true)
+
+
+def test_which_of_two_is_nearer_is_sure_where_chance_is_small() -> None:
+    """Of two models that are as near, the sign is chance; it hardly ever is for sure."""
+    rng = np.random.default_rng(6)
+    leaks = (Leak(0.0199), Leak(0.0201))
+    measured = seen(PixelModel() + Leak(0.02)) + rng.standard_normal(N)
+    one, other = (found(effect, measured) for effect in leaks)
+    noisy: Any = FakeProblem(chance=3.0)
+    plain, surely = (
+        np.array([nearer(noisy, one, other, seed=100 * k, surely=sure) for k in range(60)]) for sure in (False, True)
+    )
+    assert np.all(surely <= plain)
+    # Two standard errors that are known from four: 7 of 100 by Student's law, half of these on this side.
+    assert np.mean(plain > 0.0) > 0.2
+    assert np.mean(surely > 0.0) < 0.15
+    apart = found(DarkCurrent(0.5), measured), found(Leak(0.02), measured)
+    assert nearer(FakeProblem(chance=1e-3), *apart, seed=1, surely=True) > 10.0  # type: ignore[arg-type]
+
+
+def test_models_with_an_effect_of_few_pixels_are_simulated_more_often() -> None:
+    class Asked(FakeProblem):
+        efforts: ClassVar[list[float]] = []
+
+        def changes(
+            self, base: Sequence[PixelModel], models: Sequence[Sequence[PixelModel]], seed: int, effort: float
+        ) -> Iterator[Change]:
+            self.efforts.append(effort)
+            return super().changes(base, models, seed, effort)
+
+    problem: Any = Asked()
+    one, other = (found(effect, np.zeros(N)) for effect in (DarkCurrent(0.5), Leak(0.02)))
+    nearer(problem, one, other, seed=1)
+    hot = [replace(e, fit=replace(e.fit, model=e.fit.model + HotPixels())) for e in (one, other)]
+    nearer(problem, hot[0], hot[1], seed=1)
+    assert problem.efforts == [1.0] * 4 + [10.0] * 4
 
 
 def test_a_clock_that_is_as_far_off_as_a_delay_is_less_likely() -> None:
