@@ -207,7 +207,9 @@ class Shortlist:
         # The fit of its twin may have been given up early: what that can do is looked at all the same.
         refused = ({f.effect for f in refitted} - {f.effect for f in found}) | state.hopeless
         refused -= {TWINS.get(best.effect)}
-        rivals = [name for name in shortlist if name not in refused] if far_off else ()
+        # Nor do straight lines tell what is like an effect of which they promised hardly anything.
+        lines_tell = not far_off and best.effect in self._about_as_promising(state.scores, shortlist)
+        rivals = () if lines_tell else [name for name in shortlist if name not in refused]
         problem = best.beside(self._problem)
         judged = [i for i in range(len(state.scores.probes)) if can_judge(self._problem, state.scores, i)]
         tied = (best.effect, *tied_with(problem, best, found, state.scores, judged, rivals, self._seed + 31))

@@ -492,3 +492,34 @@ def test_the_twin_of_the_best_is_looked_at_even_where_its_own_fit_is_refused(
     assert asked == rivals
     assert state.proposal == best
     assert state.tied == tuple(rivals[1:])
+
+
+@pytest.mark.parametrize(("promised", "rivals"), [(66.0, []), (0.5, ["light_drift", "leak"])])
+def test_straight_lines_do_not_tell_what_is_like_a_twin_of_which_they_promised_nothing(
+    monkeypatch: pytest.MonkeyPatch, promised: float, rivals: list[str]
+) -> None:
+    """Beside nothing everything looks alike: a leak was said to be like crosstalk."""
+    asked: list[str] = []
+
+    def tied_with(*given: Any) -> tuple[str, ...]:
+        asked.extend(given[5])
+        return ()
+
+    monkeypatch.setattr(shortlist, "is_far_off", lambda *_: False)
+    monkeypatch.setattr(shortlist, "may_be_added", lambda *_: True)
+    monkeypatch.setattr(shortlist, "deviance", lambda *_: 9.0)
+    monkeypatch.setattr(shortlist, "nearer", lambda *_, **__: -1.0)
+    monkeypatch.setattr(shortlist, "leaves_little", lambda *_: True)
+    monkeypatch.setattr(shortlist, "freedom", lambda _: 100)
+    monkeypatch.setattr(shortlist, "tied_with", tied_with)
+    names = ["light_drift", "leak", "crosstalk"]
+    made = Promising([], dict.fromkeys(names, 0.0))
+    made._seed = 1
+    made._session = SimpleNamespace(problem=SimpleNamespace(points=[]))  # type: ignore[assignment]
+    made._refit = lambda *_: [found("light_drift", 3.0), found("leak", 1.0)]
+    state = made.state()
+    state.scores.drop = np.array([70.0, promised, 60.0])
+    state.hopeless, state.tied, state.added = frozenset(), (), None
+    Shortlist._propose(made, state, ["light_drift", "leak"])
+    assert state.proposal == "leak"
+    assert asked == rivals
