@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.telling.by_axis import told_bins
 from bench.diagnosis.telling.wording import error_text, pattern_lines, place_text, shortened_parts
-from bench.diagnosis.views.registry import shown_views, views
+from bench.diagnosis.views.registry import all_views
 from bench.report import captions
 from bench.report.figures import measured_predicted
 from bench.report.residual_pictures import fitted_cell, fitted_name, residual_pictures
@@ -88,7 +88,7 @@ def comparison_pictures(comparison: Comparison, bins: Sequence[Bin]) -> Iterator
     bins
         Its residuals along every axis.
     """
-    against = measured_predicted.prepare(comparison.residuals, {v.id: v.title for v in (*views(), *shown_views())})
+    against = measured_predicted.prepare(comparison.residuals, {v.id: v.title for v in all_views()})
     if against is not None:
         yield Picture(
             "comparison_views", "Measured against predicted", captions.measured_predicted(against),

@@ -15,7 +15,7 @@ from bench.diagnosis.expected.catalogue import before_readout
 from bench.diagnosis.expected.same_law import representatives
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import summarise_each
-from bench.diagnosis.views.registry import shown_views, views
+from bench.diagnosis.views.registry import all_views, views
 from bench.models.simulation import point_chain, recording_seed
 from protocols.points import Roi
 from sim_backend.pixel.effects.light_flicker import LightFlicker
@@ -81,7 +81,7 @@ def sensors_of(task: Task) -> list[Sensor]:
     taken = [_Taken(task, models, number) for models, number in zip(task.models, task.sensors, strict=True)]
     found: list[list[Summary]] = [[] for _ in taken]
     whole = task.share >= 1.0  # what pixels do to each other is looked at in one sensor at a time
-    with_views = (*views(), *shown_views()) if task.shown else views()
+    with_views = all_views() if task.shown else views()
     for index in range(len(task.points)):
         fresh = [i for i, one in enumerate(taken) if one.is_looked_at(index)]
         if fresh:

@@ -18,7 +18,7 @@ from bench.diagnosis.recorded.excerpt import ENOUGH_EVENTS
 from bench.diagnosis.recorded.outlying import outlying_pixels
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import add, summarise
-from bench.diagnosis.views.registry import shown_views, views
+from bench.diagnosis.views.registry import all_views, views
 from sim_backend.pixel.effects.hot_pixels import HotPixels
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ class Problem:
 
     def with_shown(self) -> Problem:
         """Return the same, looked at with the views by which no fit goes, too."""
-        seen = [summarise(Recording(Frame(p), p.events()), (*views(), *shown_views())) for p in self.points]
+        seen = [summarise(Recording(Frame(p), p.events()), all_views()) for p in self.points]
         return replace(self, forward=self.forward.with_shown(), measured=_measured(seen, self.blur_s))
 
     @property

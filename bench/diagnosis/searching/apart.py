@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["differences", "product", "surely"]
+__all__ = ["SURELY", "differences", "product", "surely"]
 
 #: Standard errors of a separation that are taken off: it is a lower limit.
-_SURELY: Final = 2.0
+SURELY: Final = 2.0
 #: Seeds of simulations that are to differ are so far apart.
 _OTHER_SEED: Final = 7919
 
@@ -67,4 +67,4 @@ def surely(some: Floats, others: Floats) -> float:
     """Return the least that the product of two changes is, given its chance (jackknife by simulation)."""
     without = [product(np.delete(some, i, axis=0), np.delete(others, i, axis=0)) for i in range(len(some))]
     chance = math.sqrt((len(some) - 1) * float(np.var(without)))
-    return product(some, others) - _SURELY * chance
+    return product(some, others) - SURELY * chance

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.diagnosis.expected.catalogue import is_of_few, sized, switches
 from bench.diagnosis.fitting.fitted import off_known
-from bench.diagnosis.searching.apart import differences, product, surely
+from bench.diagnosis.searching.apart import SURELY, differences, product, surely
 from bench.diagnosis.searching.screen import basis_of, beyond, extended
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["TIED", "closest", "nearer", "separation", "stand_in"]
 
-#: Standard errors of the simulations that are taken off what is to be sure.
-_SURELY: Final = 2.0
 #: Separation, in standard errors, below which two effects cannot be told apart.
 TIED: Final = 2.0
 #: Effort of a simulation of two models, and how many there are; and both where these leave it in doubt, and chance
@@ -91,7 +89,7 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int, *, surely: boo
     left = beyond(basis, np.concatenate([both, off_known(fit) + _off_known(other.fit, fit)])[:, None])[:, 0]
     each = apart @ _clipped(left) / fit.common
     chance = float(each.std(ddof=1)) / math.sqrt(_TIMES)
-    return float(each.mean()) - (_SURELY * chance if surely else 0.0)
+    return float(each.mean()) - (SURELY * chance if surely else 0.0)
 
 
 def _off_known(one: Fit, like: Fit) -> Floats:

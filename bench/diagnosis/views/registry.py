@@ -42,6 +42,7 @@ __all__ = [
     "GROUP",
     "SHOWN",
     "VIEWS",
+    "all_views",
     "forget_view_files",
     "load_same_view_files",
     "load_view_files",
@@ -103,6 +104,17 @@ def shown_views() -> tuple[View, ...]:
         As for :func:`views`.
     """
     return (*SHOWN, *(view for view in _of_others() if not view.fitted))
+
+
+def all_views() -> tuple[View, ...]:
+    """Return the views by which fits go, and then those that are shown alone.
+
+    Raises
+    ------
+    InputError
+        As for :func:`views`.
+    """
+    return (*views(), *shown_views())
 
 
 def _of_others() -> Iterator[View]:
