@@ -119,7 +119,7 @@ def compare(
 def _all_residuals(problem: Problem, one: Fit, seed: int) -> tuple[tuple[Residual, ...], Floats]:
     """Return the residuals of all views, also of those by which no fit goes, and their correlation."""
     closer = on_its_clock(problem, one.slots, one.x).with_shown()
-    sensors = closer.simulate([closer.models(one.model, one.slots, one.x)], seed, _EFFORT)[0]
+    sensors = closer.simulate([one.models(closer)], seed, _EFFORT)[0]
     here, of = closer.expect(sensors), closer.measured
     predicted, deviation, residual = here.ratio.copy(), here.deviation.copy(), of.value - here.value
     ids = {view.id for view in views()}

@@ -77,7 +77,7 @@ def _most_promising(
     tries = list(_closed(found))
     if not tries:
         return None
-    base = problem.models(found.model, found.slots, found.x)
+    base = found.models(problem)
     models = [base, *([put(one, [free], [free.coordinate(value)]) for one in base] for free, value in tries)]
     left = []
     for sensors in problem.simulate(models, seed, _EFFORT):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from bench.diagnosis.expected.problem import Slot
+    from bench.diagnosis.expected.problem import Problem, Slot
     from sim_backend.pixel.model import PixelModel
 
     Floats = npt.NDArray[np.float64]
@@ -49,6 +49,10 @@ class Fit:
     frozen: Floats | None = None  #: (k,) variance of the coordinates from what is frozen in the pixels of all points
     common: float = 1.0
     """Variance of what several points have in common, beside that of each: they were simulated as one."""
+
+    def models(self, problem: Problem) -> list[PixelModel]:
+        """Return the fitted model of each point of a problem."""
+        return problem.models(self.model, self.slots, self.x)
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:

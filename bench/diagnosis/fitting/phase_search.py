@@ -86,7 +86,7 @@ class _Search:
         self._problem, self._fitted = problem, fitted
         at = 2.0 * math.pi * np.arange(_SIMULATED) / _SIMULATED
         turned = [replace(problem, phases=(float(phase),) * len(problem.points)) for phase in at]
-        models = [one.models(fitted.model, fitted.slots, fitted.x) for one in turned]
+        models = [fitted.models(one) for one in turned]
         seen = [
             shifted(problem, problem.expect(sensors), fitted.slots, fitted.x)
             for sensors in problem.forward.run(models, seed)

@@ -42,7 +42,7 @@ def asks_for_more(problem: Problem, found: Fit) -> bool:
 
 def is_costly(problem: Problem, found: Fit) -> bool:
     """Return whether little was simulated of a fit, since its model takes long."""
-    return problem.cost(problem.models(found.model, found.slots, found.x)) > _CHEAP
+    return problem.cost(found.models(problem)) > _CHEAP
 
 
 def sharpened(problem: Problem, found: Fit, seed: int) -> Fit:

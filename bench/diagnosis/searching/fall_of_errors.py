@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from bench.diagnosis.fitting.fitted import Fit
     from bench.diagnosis.searching.state import State
-    from sim_backend.pixel.model import PixelModel
 
 __all__ = ["errors_of"]
 
@@ -57,7 +56,7 @@ def errors_of(states: Sequence[State], seed: int) -> list[Error]:
 def _with_the_chance_of_the_last(states: Sequence[State], seed: int) -> list[Fit]:
     """Return the fits but for the last one, all differences to which come from the same random numbers."""
     *others, last = states
-    costs = [state.problem.cost(_models_of(state)) for state in states]
+    costs = [state.problem.cost(state.fit.models(state.problem)) for state in states]
     effort = min(_EFFORT, _LONGEST / max(costs))
     there = moved(last.problem, last.fit, last.fit.x, seed, effort * costs[-1])
     found = []
@@ -67,11 +66,6 @@ def _with_the_chance_of_the_last(states: Sequence[State], seed: int) -> list[Fit
         residual = np.where(both, last.fit.residual + there.value - here.value, one.residual)
         found.append(replace(one, residual=residual, scale=last.fit.scale))
     return found
-
-
-def _models_of(state: State) -> list[PixelModel]:
-    """Return the fitted model of each point."""
-    return state.problem.models(state.fit.model, state.fit.slots, state.fit.x)
 
 
 def _without_chance(state: State, one: Fit, other: Fit) -> Error:

@@ -101,7 +101,7 @@ def apart_at(
         How many pixels and points there are for each that is simulated.
     """
     there = _problem_of(problem, fit, points, seed)
-    base = there.models(fit.model, fit.slots, fit.x)
+    base = fit.models(there)
     covariance = fit.covariance(problem.measured.points)
     new = _fit_there(there, fit, np.sqrt(np.diag(covariance)), seed + 1)
     (change,) = differences(there, new, base, [[rival] * len(points)], seed + 2, _EFFORT, _TIMES)

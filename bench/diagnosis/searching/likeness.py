@@ -59,7 +59,7 @@ def separation(problem: Problem, one: Found, other: Found, seed: int) -> float:
     What the free numbers of the first could take up is left out, but for those of its effect. It is a lower limit:
     what may be chance of the simulation tells nothing apart.
     """
-    models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
+    models = other.fit.models(problem)
     basis = basis_of(one.fit, problem, without=one.effect)
     change = _apart(problem, one, basis, [models], seed, _EFFORT, _TIMES)[0]
     if _is_doubtful(change):
@@ -81,7 +81,7 @@ def nearer(problem: Problem, one: Found, other: Found, seed: int, *, surely: boo
     """
     fit, points = one.fit, problem.measured.points
     basis = basis_of(fit, problem, without=one.effect)
-    models = problem.models(other.fit.model, other.fit.slots, other.fit.x)
+    models = other.fit.models(problem)
     # Of what few pixels have a simulated sensor has none, or twice as much.
     few = any(is_of_few(effect.id) for model in (fit.model, other.fit.model) for effect in model.effects)
     apart = _apart(problem, one, basis, [models], seed, _DOUBTFUL[0] if few else _EFFORT, _TIMES)[0]
@@ -210,7 +210,7 @@ def _apart(
     times: int, *, plain: bool = False,
 ) -> list[Floats]:  # fmt: skip
     """Return (times, n) how some models differ from a fitted one beyond a basis, whitened."""
-    base = problem.models(one.fit.model, one.fit.slots, one.fit.x)
+    base = one.fit.models(problem)
     found = differences(problem, one.fit, base, others, seed, effort, times, plain=plain)
     return [beyond(basis, extended(one.fit, change.T)).T for change in found]
 

@@ -169,7 +169,7 @@ def probes_at(
     problem: Problem, fit: Fit, wanted: Sequence[tuple[type[Effect], Sequence[float]]], seed: int, effort: float
 ) -> list[Probe]:  # fmt: skip
     """Return the probes of effects, each at a size of its numbers beside those of the catalogue."""
-    base = problem.models(fit.model, fit.slots, fit.x)
+    base = fit.models(problem)
     places = []
     models = []
     for effect, factors in wanted:

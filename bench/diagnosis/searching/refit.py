@@ -238,7 +238,7 @@ def _more_effort(problem: Problem, here: Fit, found: Found, seed: int) -> Found:
 
 def _as_many_pixels(problem: Problem, one: Fit, other: Fit) -> bool:
     """Return whether two models are simulated with equally many pixels."""
-    costs = [problem.cost(problem.models(each.model, each.slots, each.x)) for each in (one, other)]
+    costs = [problem.cost(each.models(problem)) for each in (one, other)]
     return costs[0] == costs[1] and least_share(one.model) == least_share(other.model)
 
 

@@ -33,7 +33,7 @@ class Seen(NamedTuple):
 
 def best_seen(problem: Problem, fit: Fit, effects: Sequence[type[Effect]], seed: int) -> list[Seen]:
     """Return for each effect the size that lowers the loss most, while all other numbers stay."""
-    base = problem.models(fit.model, fit.slots, fit.x)
+    base = fit.models(problem)
     tried = [(number, factor) for number, effect in enumerate(effects) for factor in _factors(effect)]
     ones = [sized(effects[n], factor, problem.given.get(effects[n].id)) for n, factor in tried]
     models = [problem.of_points([m + one for m in base]) for one in ones]

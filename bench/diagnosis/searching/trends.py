@@ -102,7 +102,7 @@ def clear_trends(problem: Problem, one: Fit, seed: int) -> tuple[Trend, ...]:
 
 def _scatter(problem: Problem, one: Fit, directions: Sequence[_Direction], seed: int) -> Floats:
     """Return the standard deviation of trends from one simulated sensor to the next."""
-    models = problem.models(one.model, one.slots, one.x)
+    models = one.models(problem)
     number = min(max(int(_RUNS / max(problem.cost(models), 1.0)), _FEWEST), _SENSORS)
     away = away_from_mean(problem, problem.whole_sensors(models, seed, number))
     known = np.where(one.known, away, 0.0).T

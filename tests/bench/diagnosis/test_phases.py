@@ -69,6 +69,7 @@ def test_a_ripple_at_the_same_phase_of_every_pulse_shows_in_the_answers(
         still: Any = SimpleNamespace(
             model=model, slots=slots, x=x, start=x, jacobian=np.zeros((2, statistics, len(x))),
             value=np.zeros(statistics), known=np.zeros(statistics, np.bool_),
+            models=lambda there: there.models(model, slots, x),
         )  # fmt: skip
         turned = sharper_phases(problem, still, seed=9)
         assert turned.x == pytest.approx(x)

@@ -27,9 +27,6 @@ class Bench:
     given: Any = MappingProxyType({})
     forward = SimpleNamespace(late_us=0)
 
-    def models(self, model: PixelModel, slots: Any, x: Any) -> list[PixelModel]:
-        return [model]
-
     def of_points(self, models: Sequence[PixelModel]) -> list[PixelModel]:
         return list(models)
 
@@ -44,7 +41,9 @@ class Bench:
 
 
 def test_the_size_that_explains_most_is_found_for_either_sign() -> None:
-    fit: Any = SimpleNamespace(model=PixelModel(), slots=(), x=np.zeros(0), caution=1.0)
+    fit: Any = SimpleNamespace(
+        model=PixelModel(), slots=(), x=np.zeros(0), models=lambda _: [PixelModel()], caution=1.0
+    )
     bench: Any = Bench()
     leak, drift = best_seen(bench, fit, [LEAK, DRIFT], seed=1)
     assert leak.factor * 0.05 >= 0.1
@@ -53,6 +52,8 @@ def test_the_size_that_explains_most_is_found_for_either_sign() -> None:
 
 
 def test_what_explains_nothing_has_no_fall() -> None:
-    fit: Any = SimpleNamespace(model=PixelModel(), slots=(), x=np.zeros(0), caution=1.0)
+    fit: Any = SimpleNamespace(
+        model=PixelModel(), slots=(), x=np.zeros(0), models=lambda _: [PixelModel()], caution=1.0
+    )
     bench: Any = Bench()
     assert best_seen(bench, fit, [effects()["crosstalk"]], seed=1)[0].fall == 0.0

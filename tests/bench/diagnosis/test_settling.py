@@ -129,6 +129,9 @@ class Placed:
     common: float = 1.0
     jacobian: Any = field(default_factory=lambda: np.ones((2, 3, 2)))
 
+    def models(self, problem: Any) -> Any:
+        return problem.models(self.model, self.slots, self.x)
+
 
 @pytest.mark.parametrize(("asked", "expected"), [(["on"], 0.25), (["on", "off"], 0.32)])
 def test_a_threshold_that_only_rare_events_tell_is_looked_for_farther_off(

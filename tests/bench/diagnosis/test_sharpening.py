@@ -21,7 +21,7 @@ class MadeUp(Session):
     """Fits are their errors."""
 
     def __init__(self) -> None:
-        self.problem: Any = SimpleNamespace(cost=lambda _: 5.0, models=lambda *_: (), given={})
+        self.problem: Any = SimpleNamespace(cost=lambda _: 5.0, given={})
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def errors(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def fit_of(error: float) -> Any:
-    return SimpleNamespace(error=error, model=PixelModel(), slots=(), x=())
+    return SimpleNamespace(error=error, model=PixelModel(), models=lambda _: [])
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_a_fit_is_made_sharper_while_that_helps(
 
 
 def test_what_was_simulated_as_a_base_pixel_is_asks_for_no_more(errors: list[float]) -> None:
-    cheap: Any = SimpleNamespace(cost=lambda _: 1.0, models=lambda *_: ())
+    cheap: Any = SimpleNamespace(cost=lambda _: 1.0)
     assert not asks_for_more(cheap, fit_of(1.4))
     assert asks_for_more(MadeUp().problem, fit_of(1.4))
 
