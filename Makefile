@@ -1,7 +1,7 @@
 # A fresh machine needs Python 3.11 or newer (with pip and venv), git and make. Everything else is put into .venv.
 #
 #   make demo    measure a simulated sensor, and print where the report is
-#   make test    all tests
+#   make test    all tests but those of `make dozen`
 #   make check   lint, types, import contracts, quick tests, wheel
 #   make bench   speed, side by side
 #   make verify  the fast engine against the reference engine, 1e5 pulses at each of many settings (under 40 minutes)

@@ -48,7 +48,7 @@ def findings_of(problem: Problem) -> tuple[str, ...]:
 
 
 def cautions_of(problem: Problem) -> tuple[str, ...]:
-    """Return what is to be known of data that are fit to be judged; all events are read for it."""
+    """Return what is to be known of data that are fit to be judged; events are read for it."""
     points = problem.points
     limits = [eps for eps in map(readout_limit_eps, points) if eps is not None]
     if not limits:

@@ -11,13 +11,16 @@ if TYPE_CHECKING:
 
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["ALIGNMENT", "Free", "Scale", "base_parameters", "get", "move", "put", "time_offset"]
+__all__ = ["ALIGNMENT", "DEAD_TIME_KNOWN", "Free", "Scale", "base_parameters", "get", "move", "put", "time_offset"]
 
 #: How a value becomes a coordinate in which what can be measured changes evenly: a spread acts by its square.
 Scale = Literal["log", "linear", "square", "inverse"]
 
 #: The camera's clock beside the stimulus: no part of the model, but fitted with it.
 ALIGNMENT: Final = "alignment"
+
+#: A stated dead time is believed to this share.
+DEAD_TIME_KNOWN: Final = 0.1
 
 _TINY: Final = 1e-12
 #: The time offset is no more than so many of its standard deviations.
@@ -87,7 +90,7 @@ def base_parameters(refractory_known: bool) -> tuple[Free, ...]:
         Free("noise_floor", "rms", "noise_rms", "ln", "log", 1e-3, 1.0, 0.12, 1.0, False),
         Free("source_follower_bandwidth", "corner_hz", "corner_hz", "Hz", "log", 0.5, 2e4, 0.15, 1.5, False),
         Free("refractory_period", "period_s", "refractory_s", "s", "log", 1e-6, 1.0, 0.1,
-             0.1 if refractory_known else 2.0, False),
+             DEAD_TIME_KNOWN if refractory_known else 2.0, False),
     )  # fmt: skip
 
 

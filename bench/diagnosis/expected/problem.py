@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from bench.diagnosis.expected.catalogue import cost_of, least_share, numbers_of
-from bench.diagnosis.expected.parameters import ALIGNMENT, Free, base_parameters, put, time_offset
+from bench.diagnosis.expected.parameters import ALIGNMENT, DEAD_TIME_KNOWN, Free, base_parameters, put, time_offset
 from bench.diagnosis.expected.phases import with_phases
 from bench.diagnosis.expected.residuals import Measured, expectation, measured
 from bench.diagnosis.expected.same_law import representatives
@@ -22,7 +22,7 @@ from bench.diagnosis.views.registry import all_views, views
 from sim_backend.pixel.effects.hot_pixels import HotPixels
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -75,9 +75,26 @@ class Known(NamedTuple):
 
 
 def settings_of(points: Sequence[PointData]) -> list[int]:
-    """Return for each point the number of its setting of the camera: points of one share thresholds and corner."""
-    known: dict[Hashable, int] = {}
-    return [known.setdefault((tuple(sorted(p.bias.items())), repr(p.refractory_s)), len(known)) for p in points]
+    """Return for each point the number of its setting of the camera: points of one share its numbers.
+
+    Points have another setting where their biases differ, or stated dead times by more than these are believed.
+    """
+    known: list[PointData] = []
+    found = []
+    for point in points:
+        number = next((n for n, one in enumerate(known) if _is_one_setting(one, point)), len(known))
+        if number == len(known):
+            known.append(point)
+        elif math.isnan(known[number].refractory_s):
+            known[number] = point
+        found.append(number)
+    return found
+
+
+def _is_one_setting(one: PointData, other: PointData) -> bool:
+    dead, its = one.refractory_s, other.refractory_s
+    # NaN: nobody stated it, and it is what it is at the other point.
+    return one.bias == other.bias and not abs(dead - its) > DEAD_TIME_KNOWN * max(dead, its)
 
 
 def _blurred(labels: Sequence[Label], ratio: Floats, blur_s: float) -> tuple[Label, ...]:
@@ -303,6 +320,10 @@ class Problem:
         most = max(len(found) for found in seen)
         return [self._start(model, [found[k if k < len(found) else 0] for found in seen]) for k in range(most)]
 
+    def _stated_dead_time(self, setting: int, otherwise: float) -> float:
+        stated = (p.refractory_s for p, s in zip(self.points, self.setting, strict=True) if s == setting)
+        return next((dead for dead in stated if np.isfinite(dead)), otherwise)
+
     def _start(self, model: PixelModel, guessed: Sequence[Guess]) -> list[float]:
         found = []
         for slot in self.base_slots():
@@ -311,8 +332,7 @@ class Problem:
                 found.append(0.0)
                 continue
             if slot.free.owner == "refractory_period":
-                first = self.points[self.setting.index(setting)]
-                value = first.refractory_s if np.isfinite(first.refractory_s) else model.refractory_s
+                value = self._stated_dead_time(setting, model.refractory_s)
             else:
                 value = getattr(guessed[setting], slot.free.field)
             found.append(slot.free.coordinate(max(value, slot.free.lowest)))

@@ -103,10 +103,11 @@ def _key(slot: Slot) -> tuple[str, str, int | None]:
 
 
 def closest(problem: Problem, one: Found, other: type[Effect], seed: int) -> float:
-    """Return the same for the best that another effect can do in place of the first one; no more than 30.
+    """Return by how many standard errors a run tells a model from the best of another effect; no more than 30.
 
-    The other numbers stay, as far as they could not take up the difference. A fit of the other effect that has not
-    come to its minimum looks different where the effect is not.
+    The other effect stands in the place of the first one. The other numbers stay, as far as they could not take up
+    the difference. A fit of the other effect that has not come to its minimum looks different where the effect is
+    not.
     """
     place = _Place(problem, one, other)
     size, rough = place.size(seed)
