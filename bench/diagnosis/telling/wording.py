@@ -53,6 +53,11 @@ _COLUMN: Final = 76
 _NOT_PHYSICS: Final = frozenset({"alignment"})
 #: Views whose statistics are rates.
 _RATES: Final = frozenset({"background", "background_halves"})
+#: Views whose statistics are mean logarithms of times, with the unit of these, s.
+_TIMES: Final = {
+    "latency": 1.0, "latency_10": 1.0, "latency_50": 1.0, "latency_90": 1.0, "second_event": 1.0, "intervals": 1.0,
+    "burst": 1e-6,
+}  # fmt: skip
 #: The worst of many statistics of a true model is as far off as this.
 _FAR_Z: Final = 3.5
 #: Below this a pattern among the pixels is chance.
@@ -275,10 +280,11 @@ def _conditions(lux: float, contrast: float) -> str:
 
 def _both(view: str, value: float) -> str:
     """Return a statistic with its unit; the mean logarithm of a time as that time."""
-    if view.removesuffix("_on").removesuffix("_off") in _RATES:
+    name = view.removesuffix("_on").removesuffix("_off")
+    if name in _RATES:
         return f"{value:.3g} Hz"
-    in_time = (view.startswith("latency") and "spread" not in view) or view.startswith("second_event")
-    return quantity(math.exp(value), "s") if in_time and math.isfinite(value) else f"{value:.3g}"
+    in_time = name in _TIMES and math.isfinite(value)
+    return quantity(_TIMES[name] * math.exp(value), "s") if in_time else f"{value:.3g}"
 
 
 def verdict_line(outcome: Outcome) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -153,6 +154,11 @@ def test_where_a_model_fails_is_told_with_how_it_changes(
     assert place_text(rate) == "ON background at 80 mlux: measured 0.11 Hz, model 0.97 Hz (-88 sigma)"
     latency = next(p for p in worst_places(residuals_of(88.0)) if p.worst.view == "latency")
     assert "measured 2.48 ms, model 1.5 ms" in place_text(latency)
+    of_all = replace(latency.worst, view="burst", part="both", observed=math.log(740.0), predicted=math.log(50.4))
+    assert "burst at" in place_text(replace(latency, worst=of_all))
+    assert "measured 740 us, model 50.4 us" in place_text(replace(latency, worst=of_all))
+    spread = replace(latency.worst, view="latency_spread", observed=0.25, predicted=0.125)
+    assert "measured 0.25, model 0.125" in place_text(replace(latency, worst=spread))
 
 
 @pytest.mark.parametrize(
