@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.expected.catalogue import before_readout
+from bench.diagnosis.expected.remembered import Remembered, names_of
 from bench.diagnosis.expected.same_law import representatives
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import summarise_each
@@ -231,7 +232,7 @@ class Forward:
         self._run = uuid.uuid4().hex
         self.late_us = 0  #: by which the events of the run come later than the stimulus says, as far as it is known
         self.shown = False  #: sensors are looked at with the views by which no fit goes, too
-        self.simulated = 0  #: sensors so far
+        self._remembered: Remembered[Sensor] = Remembered(len(self._points))
 
     @property
     def engine(self) -> FastEngine:
@@ -265,7 +266,8 @@ class Forward:
     ) -> list[list[Sensor]]:
         """Return what each sensor of each model shows.
 
-        Models that are given together see the same random numbers, so that their differences are sharp.
+        Models that are given together see the same random numbers, so that their differences are sharp. What was
+        simulated a short while ago is not simulated again.
 
         Parameters
         ----------
@@ -277,17 +279,23 @@ class Forward:
             Part of the pixels that is simulated, of all models or of each: quicker, and less certain.
         """
         shares = [share] * len(models) if isinstance(share, float) else list(share)
-        found: dict[tuple[int, int], Sensor] = {}
+        names = [names_of(one) for one in models]
+        keys = {
+            (i, s): (names[i], seed, s, shares[i], self.late_us, self.shown)
+            for i in range(len(models)) for s in range(sensors)
+        }  # fmt: skip
+        seen = {place: self._remembered.get(key) for place, key in keys.items()}
+        found = {place: sensor for place, sensor in seen.items() if sensor is not None}
         pixels = [
             repr([before_readout(m) for m in dict.fromkeys(one)]) if part >= 1.0 else ""
             for one, part in zip(models, shares, strict=True)
         ]
-        bundles = _bundles(shares, pixels, sensors)
+        bundles = _bundles([place for place in keys if place not in found], shares, pixels)
         tasks = [self._task([models[i] for i, _ in some], [s for _, s in some], seed, part) for part, some in bundles]
         for number, taken in self._executor.map(sensors_of, tasks, name=_name):
             for place, sensor in zip(bundles[number][1], taken, strict=True):
                 found[place] = sensor
-                self.simulated += 1
+                self._remembered.put(keys[place], sensor)
                 if self._done is not None:
                     self._done()
         return [[found[index, sensor] for sensor in range(sensors)] for index in range(len(models))]
@@ -298,17 +306,23 @@ class Forward:
 
 
 def _bundles(
-    shares: Sequence[float], pixels: Sequence[str], sensors: int
+    wanted: Iterable[tuple[int, int]], shares: Sequence[float], pixels: Sequence[str]
 ) -> list[tuple[float, list[tuple[int, int]]]]:  # fmt: skip
     """Return which sensors of which models are simulated side by side, with their share of the pixels.
 
     Whole sensors are only where their pixels are the same: there is enough to do for each of the others.
+
+    Parameters
+    ----------
+    wanted
+        Numbers of model and sensor.
+    shares, pixels
+        Of each model: part of the pixels; what tells their pixels from those of others.
     """
     places: dict[tuple[float, Hashable], list[tuple[int, int]]] = {}
-    for index, share in enumerate(shares):
-        for sensor in range(sensors):
-            alike = (pixels[index], sensor) if share >= 1.0 else None
-            places.setdefault((share, alike), []).append((index, sensor))
+    for index, sensor in wanted:
+        alike = (pixels[index], sensor) if shares[index] >= 1.0 else None
+        places.setdefault((shares[index], alike), []).append((index, sensor))
     return [
         (share, mine[first : first + _TOGETHER])
         for (share, _), mine in places.items()

@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bench.diagnosis.expected.forward import Task, _Pixels, _Taken, sensors_of
+from bench.diagnosis.expected import remembered
+from bench.diagnosis.expected.forward import Forward, Task, _Pixels, _Taken, sensors_of
+from bench.diagnosis.expected.remembered import Remembered
 from bench.diagnosis.recorded.recording import Frame
 from bench.diagnosis.views.registry import VIEWS
 from sim_backend.pixel import PixelModel
 from sim_backend.pixel.effects import Crosstalk, DarkCurrent, HotPixels, Leak, LightFlicker, ThresholdMismatch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
 
 PIXEL = PixelModel(noise_rms=0.045, corner_hz=150.0, theta_on=0.3, theta_off=0.25, refractory_s=8e-3)
 MODELS = (
@@ -42,6 +44,52 @@ def test_side_by_side_or_each_by_itself(point: Callable[..., Any], share: float)
             assert np.array_equal(one.top, other.top)
             assert np.array_equal(one.bottom, other.bottom)
             assert np.array_equal(one.products, other.products)
+
+
+class Here:
+    """Does tasks at once, and knows the sensors of each."""
+
+    def __init__(self) -> None:
+        self.taken: list[tuple[int, ...]] = []
+
+    def map(self, function: Callable[[Task], Any], tasks: Sequence[Task], **_: Any) -> Iterator[tuple[int, Any]]:
+        for number, task in enumerate(tasks):
+            self.taken.append(task.sensors)
+            yield number, function(task)
+
+
+def test_what_was_simulated_is_not_simulated_again(point: Callable[..., Any]) -> None:
+    """Other seeds, sensors, shares of the pixels, clocks and numbers of a model are others."""
+    here: Any = Here()
+    bench = Forward([point(0, 0.3), point(1, 0.0)], here, 2e-5)
+    base, leaky = ((model,) * 2 for model in (PIXEL, PIXEL + Leak(0.3)))
+    first, second = bench.run([base, leaky], 1, 2, 0.25)
+    assert here.taken == [(0, 1, 0, 1)]
+    again = bench.run([(replace(PIXEL),) * 2, leaky], 1, 3, 0.25)
+    assert here.taken[1:] == [(2, 2)]
+    assert [sensors[:2] for sensors in again] == [first, second]
+    assert all(a is b for a, b in zip(again[0], first, strict=False))
+    bench.later(19).run([base], 1, 1, 0.25)
+    bench.with_shown().run([base], 1, 1, 0.25)
+    bench.run([base], 2, 1, 0.25)
+    bench.run([base], 1, 1, 0.5)
+    bench.run([(PIXEL + Leak(0.3000000001),) * 2], 1, 1, 0.25)
+    bench.run([(PIXEL, PIXEL + Leak(0.3))], 1, 1, 0.25)
+    assert here.taken[2:] == [(0,)] * 6
+    bench.run([base, leaky], 1, 3, 0.25)
+    assert len(here.taken) == 8
+
+
+def test_what_nobody_asked_for_the_longest_is_forgotten() -> None:
+    last: Remembered[int] = Remembered(remembered._MOST // 2)
+    for number in range(2):
+        last.put(number, number)
+    assert last.get(0) == 0
+    last.put(2, 2)
+    assert [last.get(number) for number in range(3)] == [0, None, 2]
+    large: Remembered[int] = Remembered(remembered._MOST + 1)
+    large.put(0, 0)
+    assert large.get(0) is None
 
 
 def test_part_of_the_pixels_says_nothing_about_the_array(point: Callable[..., Any]) -> None:
