@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.expected.catalogue import before_readout
-from bench.diagnosis.expected.remembered import Remembered, names_of
-from bench.diagnosis.expected.same_law import representatives
+from bench.diagnosis.expected.remembered import Remembered
+from bench.diagnosis.expected.same_law import once_each, representatives
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import summarise_each
 from bench.diagnosis.views.registry import all_views, views
@@ -109,7 +109,7 @@ class _Taken:
         self._engine = engine_of(task.dt_s)
         self._seed = recording_seed(task.seed, number, 0)
         self._chains: dict[Hashable, Chain] = {}  # points at one setting have the same pixels
-        self._before = {key: before_readout(m) for key, m in {id(m): m for m in models}.items()}  # there are few
+        self._before = once_each(before_readout, models)
         self._events: dict[int, list[npt.NDArray[np.void]]] = {}  # of laws whose points are looked at one by one
 
     def is_looked_at(self, index: int) -> bool:
@@ -118,7 +118,7 @@ class _Taken:
 
     def pixels(self, index: int) -> Hashable:
         """Return what the comparators' events depend on: sensors that differ behind these alone have the same."""
-        return self._number, self._before[id(self._models[index])]
+        return self._number, self._before[index]
 
     def events(self, frame: Frame, index: int, pixels: _Pixels) -> Iterable[npt.NDArray[np.void]]:
         """Return the events of a point, or those of the first one with the same law."""
@@ -279,13 +279,12 @@ class Forward:
             Part of the pixels that is simulated, of all models or of each: quicker, and less certain.
         """
         shares = [share] * len(models) if isinstance(share, float) else list(share)
-        names = [names_of(one) for one in models]
+        names = [tuple(once_each(repr, one)) for one in models]
         keys = {
             (i, s): (names[i], seed, s, shares[i], self.late_us, self.shown)
             for i in range(len(models)) for s in range(sensors)
         }  # fmt: skip
-        seen = {place: self._remembered.get(key) for place, key in keys.items()}
-        found = {place: sensor for place, sensor in seen.items() if sensor is not None}
+        found = {place: known for place, key in keys.items() if (known := self._remembered.get(key)) is not None}
         pixels = [
             repr([before_readout(m) for m in dict.fromkeys(one)]) if part >= 1.0 else ""
             for one, part in zip(models, shares, strict=True)

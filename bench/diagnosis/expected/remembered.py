@@ -1,4 +1,4 @@
-"""Simulated sensors of a short while ago: a search comes back to some of them, and they are the same bit by bit."""
+"""What was simulated a short while ago: a search comes back to some of it, and it is the same bit by bit."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Sequence
+    from collections.abc import Hashable
 
-    from sim_backend.pixel.model import PixelModel
-
-__all__ = ["Remembered", "names_of"]
+__all__ = ["Remembered"]
 
 _Thing = TypeVar("_Thing")
 
-#: Recordings that are remembered, some 20 kB each.
+#: Recordings that are remembered, some 15 kB each.
 _MOST: Final = 4096
 
 
@@ -43,9 +41,3 @@ class Remembered(Generic[_Thing]):
         self._known.move_to_end(key)
         while len(self._known) > self._most:
             self._known.popitem(last=False)
-
-
-def names_of(models: Sequence[PixelModel]) -> Hashable:
-    """Return what tells the models of all points from others: there are few different ones, of many points."""
-    names = {key: repr(model) for key, model in {id(m): m for m in models}.items()}
-    return tuple(names[id(model)] for model in models)

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Sequence
+    from collections.abc import Callable, Hashable, Sequence
 
     from bench.store.data import PointData
     from sim_backend.pixel.model import PixelModel
 
-__all__ = ["representatives"]
+__all__ = ["once_each", "representatives"]
+
+_Result = TypeVar("_Result")
 
 #: Levels and times are the same when they agree to so many figures.
 _FIGURES: Final = 6
+
+
+def once_each(function: Callable[[PixelModel], _Result], models: Sequence[PixelModel]) -> list[_Result]:
+    """Return the results for the models of all points: there are few different ones, and many points."""
+    known = {key: function(model) for key, model in {id(m): m for m in models}.items()}
+    return [known[id(model)] for model in models]
 
 
 def representatives(points: Sequence[PointData], models: Sequence[PixelModel]) -> list[int]:
@@ -25,8 +33,7 @@ def representatives(points: Sequence[PointData], models: Sequence[PixelModel]) -
     whose light differs by a factor, with everything else equal, are the same to it.
     """
     first: dict[Hashable, int] = {}
-    pixels = {key: _pixels(m) for key, m in {id(m): m for m in models}.items()}  # there are few, and many points
-    laws = [(pixels[id(m)], _seen(p)) for p, m in zip(points, models, strict=True)]
+    laws = [(pixels, _seen(p)) for p, pixels in zip(points, once_each(_pixels, models), strict=True)]
     return [first.setdefault(i if None in law else law, i) for i, law in enumerate(laws)]
 
 

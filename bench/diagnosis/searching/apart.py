@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["SURELY", "differences", "product", "surely"]
+__all__ = ["SURELY", "differences", "least_product", "product"]
 
 #: Standard errors of a separation that are taken off: it is a lower limit.
 SURELY: Final = 2.0
@@ -63,7 +63,7 @@ def product(some: Floats, others: Floats) -> float:
     return whole / (len(some) * (len(some) - 1))
 
 
-def surely(some: Floats, others: Floats) -> float:
+def least_product(some: Floats, others: Floats) -> float:
     """Return the least that the product of two changes is, given its chance (jackknife by simulation)."""
     without = [product(np.delete(some, i, axis=0), np.delete(others, i, axis=0)) for i in range(len(some))]
     chance = math.sqrt((len(some) - 1) * float(np.var(without)))

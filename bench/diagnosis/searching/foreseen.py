@@ -21,7 +21,7 @@ from bench.diagnosis.fitting.slopes import sample_of, samples_around, slopes
 from bench.diagnosis.fitting.steps import longest_of
 from bench.diagnosis.recorded.recording import Frame, Recording
 from bench.diagnosis.recorded.summary import summarise
-from bench.diagnosis.searching.apart import differences, surely
+from bench.diagnosis.searching.apart import differences, least_product
 from bench.diagnosis.views.registry import views
 from bench.models.planned import planned_point
 from bench.models.simulation import recording_seed, simulate_point
@@ -108,7 +108,7 @@ def apart_at(
     columns = new.whiten(new.jacobian.mean(axis=0), there.measured.points)
     left = columns.T @ columns + _precision(covariance) / of_all
     taken = solved(left, columns.T @ change.T)
-    return math.sqrt(max(surely(change, change - (columns @ taken).T), 0.0) * of_all)
+    return math.sqrt(max(least_product(change, change - (columns @ taken).T), 0.0) * of_all)
 
 
 def _problem_of(problem: Problem, fit: Fit, points: Sequence[PointData], seed: int) -> Problem:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.diagnosis.expected.catalogue import is_of_few, sized, switches
 from bench.diagnosis.fitting.fitted import off_known
-from bench.diagnosis.searching.apart import SURELY, differences, product, surely
+from bench.diagnosis.searching.apart import SURELY, differences, least_product, product
 from bench.diagnosis.searching.screen import basis_of, beyond, extended
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def _share(null: Floats, here: Floats) -> float:
     """
     along = here - null
     length = product(along, along)
-    seen = length if len(along) <= _TWICE else surely(along, along)
+    seen = length if len(along) <= _TWICE else least_product(along, along)
     return -product(here, along) / length if seen > 0.0 else math.inf
 
 
@@ -219,13 +219,13 @@ def _apart(
 def _length(change: Floats) -> float:
     """Return the least length that a change surely has; where it is gross, chance is gross, too."""
     change = _clipped(change)
-    return math.sqrt(max(surely(change, change), 0.0))
+    return math.sqrt(max(least_product(change, change), 0.0))
 
 
 def _is_doubtful(change: Floats) -> bool:
     """Return whether two models look different, and that may be chance: of few simulations it is hardly known."""
     change = _clipped(change)
-    return product(change, change) > TIED**2 > surely(change, change)
+    return product(change, change) > TIED**2 > least_product(change, change)
 
 
 def _clipped(change: Floats) -> Floats:
