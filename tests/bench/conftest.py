@@ -76,8 +76,8 @@ def make_residuals(far: float) -> tuple[Residual, ...]:
         for part in ("on", "off"):
             for view in ("response", "latency"):
                 z = -far * dark * (1.0 if (part, view) == ("on", "response") else 0.2) + 0.5 * (-1) ** point
-                values = (0.11, 0.97, 0.01) if view == "response" else (-6.0, -6.5, 0.02)
-                found.append(Residual(view, part, point, lux, contrast, 0.1, 0.0, *values, z))
+                values, unit = ((0.11, 0.97, 0.01), "1") if view == "response" else ((-6.0, -6.5, 0.02), "ln s")
+                found.append(Residual(view, part, point, lux, contrast, 0.1, 0.0, *values, z, unit=unit))
     return tuple(found)
 
 

@@ -137,7 +137,7 @@ def _summaries(seen: Sequence[Statistic], sensors: int) -> list[Summary]:
 
 def _label(point: PointData, view: View, s: Statistic) -> Label:
     return Label(
-        point.index, view.id, s.part, s.kind, s.unit, point.baseline_lux, s.log_contrast, s.width_s, point.nd_od,
+        point.index, view.id, s.part, s.kind, view.unit, point.baseline_lux, s.log_contrast, s.width_s, point.nd_od,
         s.least, view.of_array, s.by_pulse, s.of_pairs,
     )  # fmt: skip
 

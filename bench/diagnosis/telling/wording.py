@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.telling.quantities import also, number_text, quantity, size_text
+from bench.diagnosis.views.registry import all_views
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -51,13 +52,8 @@ _INDENT: Final = " " * 8
 _COLUMN: Final = 76
 #: Parts of a fit that are no physics.
 _NOT_PHYSICS: Final = frozenset({"alignment"})
-#: Views whose statistics are rates.
-_RATES: Final = frozenset({"background", "background_halves"})
-#: Views whose statistics are mean logarithms of times, with the unit of these, s.
-_TIMES: Final = {
-    "latency": 1.0, "latency_10": 1.0, "latency_50": 1.0, "latency_90": 1.0, "second_event": 1.0, "intervals": 1.0,
-    "burst": 1e-6,
-}  # fmt: skip
+#: Units of logarithms of times, with what 0 stands for, s.
+_LOG_TIMES: Final = {"ln s": 1.0, "ln us": 1e-6}
 #: The worst of many statistics of a true model is as far off as this.
 _FAR_Z: Final = 3.5
 #: Below this a pattern among the pixels is chance.
@@ -226,7 +222,7 @@ def place_text(place: Place) -> str:
     one = place.worst
     parts = [
         f"{view_text(one.view, one.part)} at {_conditions(one.baseline_lux, one.log_contrast)}: "
-        f"measured {_both(one.view, one.observed)}, model {_both(one.view, one.predicted)} ({one.z:+.0f} sigma)"
+        f"measured {_in_unit(one.observed, one.unit)}, model {_in_unit(one.predicted, one.unit)} ({one.z:+.0f} sigma)"
     ]
     return "; ".join([*parts, *map(change_text, place.changes)])
 
@@ -267,10 +263,13 @@ def view_text(view: str, part: str) -> str:
 
 def _misfit(one: Misfit) -> str:
     view, _, part = one.view.rpartition("_")
-    name = view_text(view, part) if part in ("on", "off") else view_text(one.view, "both")
+    if part not in ("on", "off"):
+        view, part = one.view, "both"
+    # A view of a file that is not loaded here is told as a plain number.
+    unit = {known.id: known.unit for known in all_views()}.get(view, "1")
     return (
-        f"{name} at {_conditions(one.baseline_lux, one.log_contrast)}: measured {_both(one.view, one.observed)}, "
-        f"model {_both(one.view, one.predicted)} ({one.z:+.0f} sigma)"
+        f"{view_text(view, part)} at {_conditions(one.baseline_lux, one.log_contrast)}: "
+        f"measured {_in_unit(one.observed, unit)}, model {_in_unit(one.predicted, unit)} ({one.z:+.0f} sigma)"
     )
 
 
@@ -278,13 +277,11 @@ def _conditions(lux: float, contrast: float) -> str:
     return quantity(lux, "lux") + (f", contrast {contrast:.3g}" if contrast > 0.0 else "")
 
 
-def _both(view: str, value: float) -> str:
+def _in_unit(value: float, unit: str) -> str:
     """Return a statistic with its unit; the mean logarithm of a time as that time."""
-    name = view.removesuffix("_on").removesuffix("_off")
-    if name in _RATES:
-        return f"{value:.3g} Hz"
-    in_time = name in _TIMES and math.isfinite(value)
-    return quantity(_TIMES[name] * math.exp(value), "s") if in_time else f"{value:.3g}"
+    if unit in _LOG_TIMES and math.isfinite(value):
+        return quantity(_LOG_TIMES[unit] * math.exp(value), "s")
+    return f"{value:.3g}" if unit in ("1", *_LOG_TIMES) else f"{value:.3g} {unit}"
 
 
 def verdict_line(outcome: Outcome) -> str:

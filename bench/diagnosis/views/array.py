@@ -87,6 +87,7 @@ class Burst(View):
 
     id: ClassVar[str] = "burst"
     title: ClassVar[str] = "mean ln(time of 32 events / 1 us)"
+    unit: ClassVar[str] = "ln us"
     of_array: ClassVar[bool] = True
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
@@ -102,4 +103,4 @@ class Burst(View):
         mine = window[_BURST:][together]
         top = np.bincount(mine, weights=spans, minlength=pulses).astype(np.float64)
         bottom = np.bincount(mine, minlength=pulses).astype(np.float64)
-        yield Statistic("both", "mean", top, bottom, "ln", recording.frame.point.log_contrast, by_pulse=True)
+        yield Statistic("both", "mean", top, bottom, recording.frame.point.log_contrast, by_pulse=True)

@@ -27,13 +27,14 @@ class Background(View):
 
     id: ClassVar[str] = "background"
     title: ClassVar[str] = "background rate, Hz"
+    unit: ClassVar[str] = "Hz"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the rate of each polarity."""
         if recording.frame.constant:
             for polarity, part in _POLARITIES:
                 counts = recording.counts(polarity)
-                yield Statistic(part, "count", counts, np.full(counts.size, recording.frame.observed_s), "Hz")
+                yield Statistic(part, "count", counts, np.full(counts.size, recording.frame.observed_s))
 
 
 class BackgroundHalves(View):
@@ -41,6 +42,7 @@ class BackgroundHalves(View):
 
     id: ClassVar[str] = "background_halves"
     title: ClassVar[str] = "background rate, second half less first, Hz"
+    unit: ClassVar[str] = "Hz"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the difference for each polarity."""
@@ -48,7 +50,7 @@ class BackgroundHalves(View):
             half = recording.frame.observed_s / 2.0
             for polarity, part in _POLARITIES:
                 top = recording.counts(polarity, 0.5, 1.0) - recording.counts(polarity, 0.0, 0.5)
-                yield Statistic(part, "difference", top, np.full(top.size, half), "Hz", least=1.0 / (half * top.size))
+                yield Statistic(part, "difference", top, np.full(top.size, half), least=1.0 / (half * top.size))
 
 
 class BackgroundSpread(View):
@@ -56,6 +58,7 @@ class BackgroundSpread(View):
 
     id: ClassVar[str] = "background_spread"
     title: ClassVar[str] = "variance of the background between pixels, beyond chance, Hz^2"
+    unit: ClassVar[str] = "Hz^2"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the covariance for each polarity."""
@@ -74,7 +77,7 @@ class BackgroundSpread(View):
                 half = recording.frame.observed_s / 2.0
                 away = [recording.about_mean(s) / half for s in sets]
                 least = 1.0 / (half**2 * away[0].size)
-                yield Statistic(part, "difference", away[0] * away[1], np.ones(away[0].size), "Hz^2", least=least)
+                yield Statistic(part, "difference", away[0] * away[1], np.ones(away[0].size), least=least)
 
 
 class SamePolarity(View):
@@ -97,6 +100,7 @@ class Intervals(View):
 
     id: ClassVar[str] = "intervals"
     title: ClassVar[str] = "mean ln(interval / 1 s)"
+    unit: ClassVar[str] = "ln s"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the mean for each polarity."""
@@ -111,6 +115,7 @@ class Regularity(View):
 
     id: ClassVar[str] = "regularity"
     title: ClassVar[str] = "mean square of ln(interval / 1 s)"
+    unit: ClassVar[str] = "(ln s)^2"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the mean square for each polarity."""
@@ -125,7 +130,7 @@ def _intervals(recording: Recording, power: int) -> Iterator[Statistic]:
             mine = (p[:, 0] == polarity) & (p[:, 1] == polarity)
             values = np.log(np.maximum(gap_s[mine], 1e-6)) ** power
             top = np.bincount(pixel[mine], weights=values, minlength=n).astype(np.float64)
-            yield Statistic(part, "mean", top, np.bincount(pixel[mine], minlength=n).astype(np.float64), "ln")
+            yield Statistic(part, "mean", top, np.bincount(pixel[mine], minlength=n).astype(np.float64))
 
 
 def _pairs(

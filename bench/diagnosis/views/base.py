@@ -33,7 +33,6 @@ class Statistic:
     kind: Kind
     top: npt.NDArray[np.float64]  #: (clusters,)
     bottom: npt.NDArray[np.float64]  #: (clusters,)
-    unit: str = "1"
     log_contrast: float = 0.0  #: of the test pulse; 0 for background
     width_s: float = float("nan")  #: of the test pulse; NaN for background
     by_pulse: bool = False  #: the clusters are pulses, not pixels
@@ -46,10 +45,12 @@ class Statistic:
 
 
 class View:
-    """Looks at one recording in one way. A subclass sets `id` and `title`, and implements :meth:`look`."""
+    """Looks at one recording in one way. A subclass sets `id`, `title` and `unit`, and implements :meth:`look`."""
 
     id: ClassVar[str]  #: the name in files
     title: ClassVar[str]  #: what it shows, for an axis
+    unit: ClassVar[str] = "1"
+    """Of its numbers. Those in ``ln s`` or ``ln us``, the logarithm of a time, are told as that time."""
     of_array: ClassVar[bool] = False
     """What it shows depends on how many pixels there are: it looks at whole sensors only, one by one."""
     fitted: ClassVar[bool] = True

@@ -26,6 +26,7 @@ class Latency(View):
 
     id: ClassVar[str] = "latency"
     title: ClassVar[str] = "mean ln(latency / 1 s)"
+    unit: ClassVar[str] = "ln s"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield it for each group of pulses."""
@@ -41,6 +42,7 @@ class LatencySpread(View):
 
     id: ClassVar[str] = "latency_spread"
     title: ClassVar[str] = "mean square step of ln(latency)"
+    unit: ClassVar[str] = "ln^2"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield it for each group of pulses."""
@@ -53,6 +55,7 @@ class LatencySpread(View):
 class _Quantile(View):
     """Logarithm of the latency that a share of the answered pulses has not reached."""
 
+    unit: ClassVar[str] = "ln s"
     fitted: ClassVar[bool] = False  # mean and spread tell as much
     share: ClassVar[float]
 
@@ -94,6 +97,7 @@ class SecondEvent(View):
 
     id: ClassVar[str] = "second_event"
     title: ClassVar[str] = "mean ln(gap to the second event / 1 s)"
+    unit: ClassVar[str] = "ln s"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield it for each group of pulses."""
@@ -143,7 +147,6 @@ def _statistic(answers: Answers, top: npt.NDArray[np.float64], bottom: npt.NDArr
         kind="mean",
         top=top,
         bottom=bottom.astype(np.float64),
-        unit="ln",
         log_contrast=answers.test.log_contrast,
         width_s=answers.test.width_s,
     )

@@ -28,6 +28,7 @@ class Locked(View):
 
     id: ClassVar[str] = "locked"
     title: ClassVar[str] = "rate of events locked to a ripple, Hz"
+    unit: ClassVar[str] = "Hz"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the amplitude of each polarity."""
@@ -39,6 +40,7 @@ class LockedAcross(View):
 
     id: ClassVar[str] = "locked_across"
     title: ClassVar[str] = "rate of events locked to a ripple at another phase, Hz"
+    unit: ClassVar[str] = "Hz"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield the amplitude of each polarity."""
@@ -56,4 +58,4 @@ def _amplitudes(recording: Recording, later_rad: float) -> Iterator[Statistic]:
         phase = float(recording.frame.point.attributes[f"ripple_{part}_rad"]) + later_rad
         along = np.real(lock.of(recording.t_us[mine]) * np.exp(-1j * phase))
         top = np.bincount(recording.pixel[mine], weights=along, minlength=recording.pixels).astype(np.float64)
-        yield Statistic(part, "difference", top, seconds, unit="Hz", least=least)
+        yield Statistic(part, "difference", top, seconds, least=least)

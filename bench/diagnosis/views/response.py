@@ -36,6 +36,7 @@ class ExtraEvents(View):
 
     id: ClassVar[str] = "extra_events"
     title: ClassVar[str] = "further events per pulse"
+    unit: ClassVar[str] = "events/pulse"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield their number per pulse."""
@@ -48,6 +49,7 @@ class OtherPolarity(View):
 
     id: ClassVar[str] = "other_polarity"
     title: ClassVar[str] = "events of the other polarity per pulse"
+    unit: ClassVar[str] = "events/pulse"
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
         """Yield their number per pulse."""
@@ -61,7 +63,6 @@ def _of(top: npt.NDArray[np.integer], answers: Answers, kind: Kind) -> Statistic
         kind=kind,
         top=top.astype(np.float64),
         bottom=np.full(top.size, float(answers.test.pulses)),
-        unit="1" if kind == "share" else "events/pulse",
         log_contrast=answers.test.log_contrast,
         width_s=answers.test.width_s,
     )

@@ -30,7 +30,7 @@ class _Own(View):
     def __init__(self, view: View, source: str) -> None:
         self._view = view
         self._source = source
-        self.id, self.title = view.id, view.title  # type: ignore[misc]
+        self.id, self.title, self.unit = view.id, view.title, view.unit  # type: ignore[misc]
         self.of_array, self.fitted = view.of_array, view.fitted  # type: ignore[misc]
 
     def look(self, recording: Recording) -> Iterator[Statistic]:
@@ -122,6 +122,8 @@ def _made(cls: type[View], place: str) -> View:
         )
     if not isinstance(getattr(cls, "title", None), str):
         raise InputError(f"{place}: {name}: has no title; expected what it shows, for an axis")
+    if not isinstance(cls.unit, str):
+        raise InputError(f"{place}: {name}: unit is {cls.unit!r}; expected text, as 'Hz'")
     if cls.look is View.look:
         raise InputError(f"{place}: {name}: does not look; expected look(self, recording)")
     try:

@@ -66,7 +66,7 @@ def test_quantiles_of_the_latency_are_shown_beside_what_is_fitted(comparison: Co
     for early, middle, late in zip(*(by_view[view] for view in QUANTILES), strict=True):
         assert early.observed < middle.observed < late.observed
         assert early.predicted < middle.predicted < late.predicted
-        assert (early.part, early.point, early.unit) == (late.part, late.point, "ln")
+        assert (early.part, early.point, early.unit) == (late.part, late.point, "ln s")
 
 
 def test_the_events_that_one_pulse_brings_are_those_of_all_pixels(comparison: Comparison) -> None:

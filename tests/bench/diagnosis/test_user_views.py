@@ -109,6 +109,7 @@ def test_another_process_looks_with_the_same(tmp_path: Path) -> None:
         (HEAD + "class Mine(View):\n    id = 'Mine!'\n", r"my_view.py:3: Mine: id is 'Mine!'"),
         (HEAD + "class Mine(View):\n    id = 'mine'\n", "Mine: has no title"),
         (HEAD + "class Mine(View):\n    id = 'mine'\n    title = 'm'\n", "Mine: does not look"),
+        (SHORT + "        return iter(())\n    unit = 1.0\n", "Mine: unit is 1.0; expected text, as 'Hz'"),
         (SHORT.replace('"mine"', '"response"') + "        yield 1\n", "the id response is taken"),
         (SHORT.replace('"mine"', '"latency_50"') + "        yield 1\n", "the id latency_50 is taken"),
         ("def f(:\n", r"my_view.py:1:\d+: is no Python"),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bench.diagnosis.result import Outcome, Remainder, Value
+from bench.diagnosis.result import Misfit, Outcome, Remainder, Value
 from bench.diagnosis.telling.axis_wording import axis_lines
 from bench.diagnosis.telling.by_axis import Change, by_axis, worst_places
 from bench.diagnosis.telling.quantities import number_text, quantity
@@ -150,15 +150,27 @@ def test_where_a_model_fails_is_told_with_how_it_changes(
     (first, *_) = worst_places(residuals_of(88.0))
     assert place_text(first).startswith("ON response at 80 mlux, contrast 0.3: measured 0.11, model 0.97 (-88 sigma)")
     assert place_text(first).endswith("; grows as the light falls, flat from 10 lux on")
-    rate = replace(first, worst=replace(first.worst, view="background", log_contrast=0.0), changes=())
+    rate = replace(first, worst=replace(first.worst, view="background", log_contrast=0.0, unit="Hz"), changes=())
     assert place_text(rate) == "ON background at 80 mlux: measured 0.11 Hz, model 0.97 Hz (-88 sigma)"
     latency = next(p for p in worst_places(residuals_of(88.0)) if p.worst.view == "latency")
-    assert "measured 2.48 ms, model 1.5 ms" in place_text(latency)
-    of_all = replace(latency.worst, view="burst", part="both", observed=math.log(740.0), predicted=math.log(50.4))
-    assert "burst at" in place_text(replace(latency, worst=of_all))
-    assert "measured 740 us, model 50.4 us" in place_text(replace(latency, worst=of_all))
-    spread = replace(latency.worst, view="latency_spread", observed=0.25, predicted=0.125)
-    assert "measured 0.25, model 0.125" in place_text(replace(latency, worst=spread))
+    in_us = replace(latency.worst, observed=math.log(740.0), predicted=math.log(50.4), unit="ln us")
+    assert "measured 740 us, model 50.4 us" in place_text(replace(latency, worst=in_us))
+
+
+@pytest.mark.parametrize(
+    ("view", "text"),
+    [
+        ("background_off", "OFF background at 80 mlux: measured 0.25 Hz, model 0.125 Hz (+9 sigma)"),
+        ("latency_on", "ON latency at 80 mlux: measured 1.28 s, model 1.13 s (+9 sigma)"),
+        ("burst", "burst at 80 mlux: measured 1.28 us, model 1.13 us (+9 sigma)"),
+        ("extra_events", "extra events at 80 mlux: measured 0.25 events/pulse, model 0.125 events/pulse (+9 sigma)"),
+        ("same_polarity", "same polarity at 80 mlux: measured 0.25, model 0.125 (+9 sigma)"),
+        ("of_a_file_on", "ON of a file at 80 mlux: measured 0.25, model 0.125 (+9 sigma)"),
+    ],
+)
+def test_the_worst_place_of_a_step_is_told_in_the_unit_of_its_view(explained: Outcome, view: str, text: str) -> None:
+    step = replace(explained.steps[0], worst=(Misfit(view, 3, 0.08, 0.0, 0.25, 0.125, 9.0),))
+    assert f"fails most: {text}" in "\n".join(step_lines(step))
 
 
 @pytest.mark.parametrize(
