@@ -2,7 +2,8 @@
 
 While an effect is missing another may stand in for it, and stay when it has come: with noise of the resets in the
 model, thresholds and corner have gone where they need it. By its standard error it is there. So one that does not
-stand far out is tried without: the others may find a place that is as good.
+stand far out is tried without: the others may find a place that is as good. Nor does a large standard error say that
+nothing is there: how long a filter is that outlasts all pulses is not known, and the run asks for it all the same.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.fitting.approach import approach
 from bench.diagnosis.fitting.fit import finish
-from bench.diagnosis.fitting.judging import deviance
+from bench.diagnosis.fitting.judging import deviance, deviance_per_dof
 from bench.diagnosis.searching.likeness import nearer
 from bench.diagnosis.searching.refit import STILL_NEEDED, Found
 
@@ -51,7 +52,7 @@ def to_take_out(
             break
         say(f"fitting without {name}")
         again = without(problem, one, name, seed)
-        if sigmas[name] < STILL_NEEDED or _is_as_good(problem, again, one, name, seed):
+        if _is_as_good(problem, again, one, name, seed):
             return name, again
     return None
 
@@ -69,8 +70,10 @@ def without(problem: Problem, one: Fit, name: str, seed: int) -> Fit:
 def _is_as_good(problem: Problem, again: Fit, one: Fit, name: str, seed: int) -> bool:
     """Return whether a model leaves no more than the square of what an effect must stand out by.
 
-    Each fit knows its own scale only roughly: 2 % of a deviance are more than that. Along the line from one model to
-    the other there is hardly any chance.
+    Where something else is missing, that is in units of what is left everywhere. Each fit knows its own scale only
+    roughly: 2 % of a deviance are more than that. Along the line from one model to the other there is hardly any
+    chance.
     """
     before, after = Found(name, one, deviance(problem, one)), Found("", again, deviance(problem, again))
-    return nearer(problem, before, after, seed + _OTHER_SEED) > -(STILL_NEEDED**2)
+    least = STILL_NEEDED**2 * max(deviance_per_dof(problem, one), 1.0)
+    return nearer(problem, before, after, seed + _OTHER_SEED) > -least

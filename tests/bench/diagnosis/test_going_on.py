@@ -116,7 +116,9 @@ def test_what_chance_makes_is_needless(sigmas: float, verdict: bool) -> None:
 @pytest.mark.parametrize(
     ("dark", "leak", "explained", "rises", "expected", "tried"),
     [
-        (2.8, 9.0, False, 50.0, "dark_current", ["dark_current"]),  # others made it insignificant
+        (2.8, 9.0, False, 20.0, "dark_current", ["dark_current"]),  # others made it insignificant
+        (2.8, 9.0, False, 50.0, None, ["dark_current"]),  # how large it is is not known: that it is there is
+        (2.8, 9.0, True, 20.0, None, ["dark_current"]),
         (4.5, 9.0, False, 0.0, None, []),  # while something is missing nothing is in doubt
         (4.5, 9.0, True, 5.0, "dark_current", ["dark_current"]),
         (4.5, 9.0, True, 20.0, None, ["dark_current"]),  # what is there is missed
@@ -136,6 +138,7 @@ def test_what_does_not_stand_far_out_is_tried_without(
 
     monkeypatch.setattr(taking_out, "without", refit)
     monkeypatch.setattr(taking_out, "deviance", lambda _, __: 600.0)
+    monkeypatch.setattr(taking_out, "deviance_per_dof", lambda _, __: 1.0 if explained else 4.0)
     monkeypatch.setattr(taking_out, "nearer", lambda *_: -rises)
     fit = fit_at({"dark_current": dark, "leak": leak})
     sigmas = {"dark_current": dark, "leak": leak}
