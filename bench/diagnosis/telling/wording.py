@@ -11,7 +11,7 @@ from bench.diagnosis.views.registry import all_views
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from bench.diagnosis.comparison import Comparison
+    from bench.diagnosis.comparison import Comparison, Residual
     from bench.diagnosis.recorded.position import Pattern
     from bench.diagnosis.result import Candidate, Error, Misfit, Outcome, Remainder, Step
     from bench.diagnosis.telling.by_axis import Axis, Change, Place
@@ -220,11 +220,7 @@ def p_text(p_value: float) -> str:
 def place_text(place: Place) -> str:
     """Return where a model fails, in which direction, and how that changes along each axis."""
     one = place.worst
-    parts = [
-        f"{view_text(one.view, one.part)} at {_conditions(one.baseline_lux, one.log_contrast)}: "
-        f"measured {_in_unit(one.observed, one.unit)}, model {_in_unit(one.predicted, one.unit)} ({one.z:+.0f} sigma)"
-    ]
-    return "; ".join([*parts, *map(change_text, place.changes)])
+    return "; ".join([_far_off(one, one.view, one.part, one.unit), *map(change_text, place.changes)])
 
 
 def change_text(change: Change) -> str:
@@ -267,6 +263,10 @@ def _misfit(one: Misfit) -> str:
         view, part = one.view, "both"
     # A view of a file that is not loaded here is told as a plain number.
     unit = {known.id: known.unit for known in all_views()}.get(view, "1")
+    return _far_off(one, view, part, unit)
+
+
+def _far_off(one: Misfit | Residual, view: str, part: str, unit: str) -> str:
     return (
         f"{view_text(view, part)} at {_conditions(one.baseline_lux, one.log_contrast)}: "
         f"measured {_in_unit(one.observed, unit)}, model {_in_unit(one.predicted, unit)} ({one.z:+.0f} sigma)"

@@ -153,8 +153,14 @@ def test_where_a_model_fails_is_told_with_how_it_changes(
     rate = replace(first, worst=replace(first.worst, view="background", log_contrast=0.0, unit="Hz"), changes=())
     assert place_text(rate) == "ON background at 80 mlux: measured 0.11 Hz, model 0.97 Hz (-88 sigma)"
     latency = next(p for p in worst_places(residuals_of(88.0)) if p.worst.view == "latency")
-    in_us = replace(latency.worst, observed=math.log(740.0), predicted=math.log(50.4), unit="ln us")
-    assert "measured 740 us, model 50.4 us" in place_text(replace(latency, worst=in_us))
+    assert "measured 2.48 ms, model 1.5 ms" in place_text(latency)
+    of_all = replace(
+        latency.worst, view="burst", part="both", observed=math.log(740.0), predicted=math.log(50.4), unit="ln us"
+    )
+    assert "burst at" in place_text(replace(latency, worst=of_all))
+    assert "measured 740 us, model 50.4 us" in place_text(replace(latency, worst=of_all))
+    spread = replace(latency.worst, view="latency_spread", observed=0.25, predicted=0.125, unit="ln^2")
+    assert "measured 0.25 ln^2, model 0.125 ln^2" in place_text(replace(latency, worst=spread))
 
 
 @pytest.mark.parametrize(
