@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.fitting.fitted import Fit
 
-__all__ = ["to_take_out", "without"]
+__all__ = ["is_missed", "to_take_out", "without"]
 
 #: An effect whose numbers are all fewer standard errors from null is tried without.
 _DOUBTED: Final = 6.0
@@ -55,6 +55,11 @@ def to_take_out(
         if _is_as_good(problem, again, one, name, seed):
             return name, again
     return None
+
+
+def is_missed(problem: Problem, one: Fit, name: str, seed: int) -> bool:
+    """Return whether a model does worse without one of its effects, whatever the standard error of its size."""
+    return not _is_as_good(problem, without(problem, one, name, seed), one, name, seed)
 
 
 def without(problem: Problem, one: Fit, name: str, seed: int) -> Fit:

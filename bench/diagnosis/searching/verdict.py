@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from bench.diagnosis.fitting.judging import NEARLY_ALL, share_of_loss
 from bench.diagnosis.searching.refit import NEEDED
 from bench.diagnosis.searching.state import is_explained, strengths
+from bench.diagnosis.searching.taking_out import is_missed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,17 +21,22 @@ __all__ = ["group_of", "ties_of", "verdict_of"]
 
 
 def verdict_of(
-    problem: Problem, states: Sequence[State], stopped: bool = False
+    problem: Problem, states: Sequence[State], stopped: bool = False, seed: int = 1
 ) -> tuple[Verdict, tuple[str, ...]]:  # fmt: skip
     """Return the verdict, and the effects that are named.
 
     Where the search was stopped nothing may have been named although something is significant: that is not explained.
-    What a person added may be within chance of nothing, and so may the last effect once its fit was made sharper.
+    What a person added may be within chance of nothing, and so may the last effect once its fit was made sharper:
+    unless the model does worse without it.
     Effects that leave much behind may only have mimicked what no catalogue knows: where something is left that
     nothing explains, only those are named that take away nearly all of what was too much.
     """
     if is_explained(problem, states[-1]):
-        named = tuple(name for name, sigmas in strengths(problem, states).items() if sigmas >= NEEDED)
+        last = states[-1].fit
+        named = tuple(
+            name for name, sigmas in strengths(problem, states).items()
+            if sigmas >= NEEDED or is_missed(problem, last, name, seed)
+        )  # fmt: skip
         return ("explained" if named else "unexplained" if stopped else "nothing_missing"), named
     sure = (
         after.added for before, after in pairwise(states)

@@ -57,18 +57,36 @@ def test_a_search_that_was_stopped_does_not_say_that_nothing_is_missing(
     assert verdict_of(problem, states, stopped) == expected
 
 
-def test_what_is_within_chance_of_nothing_in_the_end_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("missed", "named", "alone"),
+    [
+        ((), ("crosstalk",), ("nothing_missing", ())),
+        (("leak",), ("crosstalk", "leak"), ("explained", ("leak",))),  # how large it is is not known: it is there
+    ],
+)
+def test_what_is_within_chance_of_nothing_in_the_end_is_named_only_if_it_is_missed(
+    missed: tuple[str, ...], named: tuple[str, ...], alone: tuple[str, tuple[str, ...]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     """A person added it, or a sharper fit has shown it."""
 
     def sigmas(_: Any, states: Any) -> dict[str, float]:
         return {s.added: 1.5 if s.added == "leak" else 2.5 for s in states[1:]}
 
+    asked: list[str] = []
+
+    def is_missed(_: Any, __: Any, name: str, ___: int) -> bool:
+        asked.append(name)
+        return name in missed
+
     monkeypatch.setattr("bench.diagnosis.searching.verdict.is_explained", lambda *_: True)
     monkeypatch.setattr("bench.diagnosis.searching.verdict.strengths", sigmas)
+    monkeypatch.setattr("bench.diagnosis.searching.verdict.is_missed", is_missed)
     problem: Any = None
     states: Any = [SimpleNamespace(added=name, fit=None) for name in (None, "crosstalk", "leak")]
-    assert verdict_of(problem, states) == ("explained", ("crosstalk",))
-    assert verdict_of(problem, [states[0], states[2]]) == ("nothing_missing", ())
+    assert verdict_of(problem, states) == ("explained", named)
+    assert verdict_of(problem, [states[0], states[2]]) == alone
+    assert asked == ["leak", "leak"]  # what stands out is not tried without
 
 
 @pytest.fixture
