@@ -75,11 +75,35 @@ class Fit:
 
     def covariance(self, points: Sequence[slice]) -> Floats:
         """(k, k) covariance of the coordinates; the variance of one of which nothing is known is infinite."""
+        changes, chance = self._changes(points)
+        return self._covariance(points, *inverse(self._information(changes, chance, robust.LEAST_LEFT)))
+
+    def scatter(self, points: Sequence[slice]) -> Floats:
+        """(k, k) covariance of where fits of such runs end: chance in the changes leads them astray, too.
+
+        A fit ends where its changes, with the chance E in them, see nothing in the residuals r. E'r has the
+        covariance E'E, and leads it away by as much of that as the information about the coordinates allows (W. A.
+        Fuller, "Measurement Error Models", Wiley 1987, section 1.2), no farther than steps go. How much of what is
+        seen is chance is known from n statistics of two sensors to a share of 2 / sqrt(n), and no less is believed
+        to be seen.
+        """
+        changes, chance = self._changes(points)
+        least = min(2.0 / math.sqrt(max(len(changes), 1)), robust.LEAST_LEFT)
+        found, unknown = inverse(self._information(changes, chance, least))
+        astray = inverse(self._information(changes, chance, robust.LEAST_LEFT))[0] @ chance.T
+        return self._covariance(points, found + astray @ astray.T, unknown)
+
+    def _changes(self, points: Sequence[slice]) -> tuple[Floats, Floats]:
+        """Return the changes by coordinate, whitened, and the chance in them: half of what two sensors differ by."""
         first, second = (self.whiten(j, points) for j in self.jacobian)
-        changes, chance = 0.5 * (first + second), 0.5 * (first - second)
-        seen = robust.without(changes.T @ changes, chance.T @ chance)
-        information = seen + np.diag(prior_precision(self.slots))
-        found, unknown = inverse(information)
+        return 0.5 * (first + second), 0.5 * (first - second)
+
+    def _information(self, changes: Floats, chance: Floats, least: float) -> Floats:
+        seen = robust.without(changes.T @ changes, chance.T @ chance, least)
+        return np.asarray(seen + np.diag(prior_precision(self.slots)))
+
+    def _covariance(self, points: Sequence[slice], found: Floats, unknown: npt.NDArray[np.bool_]) -> Floats:
+        """Return a covariance with what is frozen in a sensor, and no smaller than points disagree."""
         if self.frozen is not None:
             found = found + np.diag(self.frozen)
         own = np.maximum(np.diag(found), _NONE)

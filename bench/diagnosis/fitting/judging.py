@@ -206,7 +206,7 @@ def values_of(problem: Problem, one: Fit) -> dict[str, Value]:
     pixels = max(p.roi.pixels for p in problem.points)
     drawn = drawn_variance(one.slots, one.x, pixels)
     simulated = 0.0 if one.frozen is None else one.frozen
-    sd = np.sqrt(np.diag(one.covariance(problem.measured.points)) + np.maximum(drawn - simulated, 0.0))
+    sd = np.sqrt(np.diag(one.scatter(problem.measured.points)) + np.maximum(drawn - simulated, 0.0))
     found = {}
     for slot, x, fitted_sd in zip(one.slots, one.x, sd, strict=True):
         known = problem.known.get((slot.free.owner, slot.free.name))

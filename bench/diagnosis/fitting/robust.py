@@ -29,8 +29,8 @@ _ROUNDS: Final = 12
 _SAME: Final = 1e-3
 #: What is less beside the largest is no direction at all.
 _NO_DIRECTION: Final = 1e-10
-#: Of products of columns at least this share is no chance.
-_LEAST_LEFT: Final = 0.2
+#: Of products of columns at least this share is no chance, for a step.
+LEAST_LEFT: Final = 0.2
 #: Bounds are at least this far apart, in standard errors.
 _NARROW: Final = 1e-12
 
@@ -90,11 +90,22 @@ def solve(
     return c, before - after
 
 
-def without(products: Floats, chance: Floats) -> Floats:
+def shared(first: Floats, second: Floats) -> Floats:
+    """Return the products of columns of which two sensors tell: of one's with the other's, without their chance."""
+    both = first.T @ second
+    return positive(0.5 * (both + both.T))
+
+
+def without(products: Floats, chance: Floats, least: float = LEAST_LEFT) -> Floats:
     """Return the products of columns with each other less what chance adds to them; in no direction most of it.
 
     Where nearly all is chance a direction would be left in which columns do not move at all, and a step along it
     might go anywhere.
+
+    Parameters
+    ----------
+    least
+        Share that is left of any direction.
     """
     scale, unit = units(products)
     values, vectors = np.linalg.eigh(products * np.outer(unit, unit))
@@ -102,7 +113,7 @@ def without(products: Floats, chance: Floats) -> Floats:
     root, inverse = vectors[:, kept] * np.sqrt(values[kept]), vectors[:, kept] / np.sqrt(values[kept])
     share = np.eye(int(kept.sum())) - inverse.T @ (chance * np.outer(unit, unit)) @ inverse
     left, directions = np.linalg.eigh(0.5 * (share + share.T))
-    share = (directions * np.maximum(left, _LEAST_LEFT)) @ directions.T
+    share = (directions * np.maximum(left, least)) @ directions.T
     return np.asarray(root @ share @ root.T * np.outer(scale, scale))
 
 

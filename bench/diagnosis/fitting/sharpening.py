@@ -58,9 +58,8 @@ def fitted_on(problem: Problem, found: Fit, seed: int) -> Fit:
 def from_here(problem: Problem, found: Fit, seed: int) -> Approach:
     """Return where a fit is as a place to go on from."""
     first, second = (found.whiten(half, problem.measured.points) for half in found.jacobian)
-    both = first.T @ second
     return Approach(
         model=found.model, slots=found.slots, at=found.x, start=found.start,
         loss=loss_of_fit(problem, found), seed=seed,
-        information=robust.positive(0.5 * (both + both.T)), reach=0.0, cloud=Cloud(),
+        information=robust.shared(first, second), reach=0.0, cloud=Cloud(),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -73,6 +73,16 @@ class Around:
     slots: Sequence[Slot]
     samples: list[Sample]
     directions: Floats  #: (k, m) in which was looked
+    centre: Floats  #: (k,) coordinates around which was looked
+
+    def farther(self, model: PixelModel, number: int, times: float, seed: int, effort: float) -> Around:
+        """Return the same, having looked farther in one direction, too."""
+        ways = self.directions.copy()
+        ways[:, number] *= times
+        fresh = samples_around(self.problem, model, self.slots, self.centre, seed, ways[:, [number]], effort)
+        pair = 1 + max(sample.pair for sample in self.samples)
+        more = [replace(sample, pair=pair) for sample in fresh]
+        return replace(self, samples=[*self.samples, *more], directions=ways)
 
     def add(self, at: Floats, sensors: Sequence[Sensor]) -> None:
         """Take what was simulated at some coordinates into account."""
@@ -81,6 +91,10 @@ class Around:
     def slopes(self, at: Floats, here: Expectation) -> Floats:
         """Return (2, n, k) the changes around some coordinates."""
         return slopes(self.problem, self.slots, at, here, self.samples, self.directions)
+
+    def distance(self, at: Floats) -> float:
+        """Return how far some coordinates are from where was looked around, beside how far was looked."""
+        return float(np.linalg.norm(np.linalg.pinv(self.directions) @ (at - self.centre)))
 
 
 @dataclass(frozen=True)
@@ -96,6 +110,10 @@ class AsBefore:
 
     def add(self, _at: Floats, _sensors: Sequence[Sensor]) -> None:
         """Leave them as they are."""
+
+    def distance(self, _at: Floats) -> float:
+        """Return 0: nowhere was looked around."""
+        return 0.0
 
     def slopes(self, _at: Floats, here: Expectation) -> Floats:
         """Return (2, n, k) the changes."""

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from bench.diagnosis.fitting import fit as fit_module
-from bench.diagnosis.fitting.fit import finish, moved
+from bench.diagnosis.fitting.approach import Approach
+from bench.diagnosis.fitting.cloud import Cloud
+from bench.diagnosis.fitting.fit import _hardly_seen, _Minimum, _minimum_seen, finish, moved
 from bench.diagnosis.fitting.judging import error_of, values_of
 from bench.diagnosis.fitting.sharpening import from_here
-from bench.diagnosis.fitting.slopes import samples_around
+from bench.diagnosis.fitting.slopes import Around, samples_around
 from bench.diagnosis.session import open_session
 from protocols.errors import InputError
 from protocols.points import Roi
@@ -47,6 +50,56 @@ def test_the_numbers_of_the_base_pixel_are_approached(point: Callable[..., Any],
         assert values[key].value == pytest.approx(true, rel=0.04), key
     assert error.response_rmse < 0.02
     assert error.deviance_per_dof < 1.3
+
+
+@pytest.mark.parametrize(
+    ("strayed", "loss", "expected"),
+    [
+        (1.5, 90.0, "again"),  # changes were looked at elsewhere, where they are others
+        (0.4, 90.0, "first"),
+        (1.5, 250.0, "first"),  # something else is missing
+    ],
+)
+def test_a_good_fit_is_looked_around_again_where_it_has_come_to(
+    strayed: float, loss: float, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(labels=range(100), points=[slice(0, 3)]))
+    near: Any = Approach(
+        model=PixelModel(), slots=(), at=np.zeros(1), start=np.zeros(1), loss=500.0, seed=1,
+        information=np.eye(1), reach=0.0, cloud=Cloud(),
+    )  # fmt: skip
+    asked: list[Any] = []
+
+    def minimum(_: Any, near: Any, *__: Any) -> Any:
+        asked.append(near)
+        return _Minimum(
+            at=near.at + 2.0, expected=SimpleNamespace(roots=(np.eye(3),)), jacobian=np.full((2, 3, 1), 2.0),  # type: ignore[arg-type]
+            seen=(), close=True, loss=loss, strayed=strayed,
+        )  # fmt: skip
+
+    monkeypatch.setattr(fit_module, "_minimum", minimum)
+    found = _minimum_seen(problem, near, False, math.inf, 1.0, None)
+    assert found.at[0] == {"first": 2.0, "again": 4.0}[expected]
+    if expected == "again":
+        again = asked[1]
+        assert (again.at[0], again.loss, again.start[0]) == (2.0, loss, 0.0)
+        assert again.seed != near.seed
+        np.testing.assert_allclose(again.information, [[12.0]])
+
+
+def test_directions_of_which_mostly_chance_is_seen_are_told() -> None:
+    problem: Any = SimpleNamespace(measured=SimpleNamespace(points=[slice(0, 4)]))
+    here: Any = SimpleNamespace(roots=(np.eye(4),))
+    well, hardly = np.array([3.0, 3.0, 3.0, 3.0]), np.array([0.5, 0.5, 0.5, 0.5])
+    chance = np.array([1.0, -1.0, 1.0, -1.0])
+    halves = np.stack([np.stack([well + sign * chance, hardly + sign * chance], axis=1) for sign in (1.0, -1.0)])
+
+    class Known(Around):
+        def slopes(self, at: Any, here: Any) -> Any:
+            return halves
+
+    around = Known(problem, (), [], np.diag([2.0, 5.0]), np.zeros(2))
+    assert _hardly_seen(problem, around, here) == [1]
 
 
 @pytest.mark.slow

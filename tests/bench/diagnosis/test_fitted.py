@@ -63,6 +63,36 @@ def test_chance_in_the_changes_hardly_moves_the_interval_of_what_is_badly_known(
         assert np.all((found > truth / 2.0) & (found < truth * 2.0)), (found, truth)
 
 
+def test_fits_end_as_far_off_as_chance_in_the_changes_leads_them() -> None:
+    """Half of what is seen is chance: fits end 1.4 times as far off as the residuals alone tell."""
+    rng = np.random.default_rng(6)
+    changes = rng.normal(size=(N, 2))
+    ends, told, alone = [], [], []
+    for _ in range(200):
+        halves = changes + rng.normal(scale=np.sqrt(2.0), size=(2, N, 2))
+        one, residual = _of_columns(halves), rng.normal(size=N)
+        columns = halves.mean(axis=0)
+        ends.append(np.linalg.solve(columns.T @ changes, columns.T @ residual))  # where they see nothing any more
+        told.append(np.diag(one.scatter(WHERE)))
+        alone.append(np.diag(one.covariance(WHERE)))
+    found, squares = np.mean(np.sqrt(told)), np.sqrt(np.mean(np.square(ends)))
+    assert found == pytest.approx(squares, rel=4.0 / np.sqrt(2.0 * 400))
+    assert np.mean(np.sqrt(alone)) < 0.8 * squares
+
+
+def test_what_is_hardly_seen_of_a_valley_is_not_taken_for_more_than_it_is() -> None:
+    """Of a twentieth that is no chance an interval was half as long as it is."""
+    n, signal = 5000, np.sqrt(0.5 / 19.0)
+    rng = np.random.default_rng(9)
+    where = [slice(i, i + EACH) for i in range(0, n, EACH)]
+    changes = np.full((n, 1), signal)
+    for _ in range(20):
+        halves = changes + rng.normal(size=(2, n, 1))
+        one = replace(_of_columns(halves), residual=np.zeros(n), roots=(np.eye(EACH),) * len(where))
+        assert np.sqrt(one.covariance(where)[0, 0]) < 0.6 / (signal * np.sqrt(n))
+        assert np.sqrt(one.scatter(where)[0, 0]) > 0.8 / (signal * np.sqrt(n))
+
+
 def test_of_a_number_that_changes_nothing_nothing_is_known() -> None:
     halves = np.ones((2, N, 2))
     halves[:, :, 1] = 0.0

@@ -10,8 +10,10 @@ import pytest
 
 from bench.diagnosis.expected.parameters import Free, time_offset
 from bench.diagnosis.expected.problem import Slot
-from bench.diagnosis.fitting.slopes import Sample, slopes
+from bench.diagnosis.fitting import slopes as slopes_module
+from bench.diagnosis.fitting.slopes import Around, Sample, slopes
 from bench.diagnosis.fitting.steps import inside
+from sim_backend.pixel import PixelModel
 
 #: What can be measured changes evenly with both, but for a bend with the first.
 _SLOPE = np.array([[3.0, -1.0], [2.0, 5.0], [0.0, 4.0]])
@@ -109,3 +111,29 @@ def test_a_delay_does_to_latencies_what_the_clock_does_and_nothing_else() -> Non
     problem = cast("Any", SimpleNamespace(measured=SimpleNamespace(labels=labels)))
     found = slopes(problem, slots, at, here, samples, directions)
     np.testing.assert_allclose(found, np.tile(np.array([[0.0, 0.0], [1e3, 1e3], [0.0, 0.0]]), (2, 1, 1)), rtol=1e-9)
+
+
+def test_how_far_a_place_is_counts_by_how_far_was_looked() -> None:
+    problem = cast("Any", None)
+    around = Around(problem, _SLOTS, [], np.array([[2.0, 0.0], [0.0, -0.5]]), np.array([1.0, 1.0]))
+    assert around.distance(np.array([1.0 + 0.3 * 2.0, 1.0 + 0.4 * 0.5])) == pytest.approx(0.5)
+    assert around.distance(around.centre) == 0.0
+
+
+def test_farther_along_one_direction_is_looked_at_to_both_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was looked at before counts on, as a pair of its own."""
+    asked: list[Any] = []
+
+    def around(*given: Any) -> list[Sample]:
+        asked.append(given)
+        return [Sample(np.full(2, end), np.zeros((2, 3)), 40.0, 0) for end in (7.0, 8.0)]
+
+    monkeypatch.setattr(slopes_module, "samples_around", around)
+    problem, before = cast("Any", None), [Sample(np.zeros(2), np.zeros((2, 3)), 10.0, pair) for pair in (0, 0, 1, 1)]
+    first = Around(problem, _SLOTS, before, np.array([[2.0, 0.0], [0.0, 0.5]]), np.ones(2))
+    found = first.farther(PixelModel(), 1, 3.0, 5, 4.0)
+    assert [s.pair for s in found.samples] == [0, 0, 1, 1, 2, 2]
+    np.testing.assert_array_equal(found.directions, [[2.0, 0.0], [0.0, 1.5]])
+    np.testing.assert_array_equal(asked[0][5], [[0.0], [1.5]])
+    assert (asked[0][4], asked[0][6]) == (5, 4.0)
+    assert len(first.samples) == 4
