@@ -172,9 +172,13 @@ def _minimum_seen(
 ) -> _Minimum:  # fmt: skip
     """Return a minimum around which was looked, if the model is a good one there."""
     there = _minimum(problem, near, precise, beat, times, known)
-    if there.strayed <= _STRAYED or there.loss >= _GOOD * len(problem.measured.labels):
+    if there.strayed <= _STRAYED or not _is_good(problem, there.loss):
         return there
     return _minimum(problem, _going_on(problem, near, there), precise, beat, times, known)
+
+
+def _is_good(problem: Problem, loss: float) -> bool:
+    return loss < _GOOD * len(problem.measured.labels)
 
 
 def _going_on(problem: Problem, near: Approach, there: _Minimum) -> Approach:
@@ -242,7 +246,7 @@ def _looked_around(problem: Problem, near: Approach, here: Expectation, close: b
     else:
         ways = directions(slots, at, near.information)
     around = Around(problem, slots, samples_around(problem, model, slots, at, seed + 1, ways, effort), ways, at)
-    if close and near.loss < _GOOD * len(problem.measured.labels):
+    if close and _is_good(problem, near.loss):
         for number in _hardly_seen(problem, around, here):
             around = around.farther(model, number, _FARTHER, seed + 3 + number, _MORE * effort)
     return around

@@ -94,9 +94,8 @@ class Fit:
         return self._covariance(points, found + astray @ astray.T, unknown)
 
     def _changes(self, points: Sequence[slice]) -> tuple[Floats, Floats]:
-        """Return the changes by coordinate, whitened, and the chance in them: half of what two sensors differ by."""
-        first, second = (self.whiten(j, points) for j in self.jacobian)
-        return 0.5 * (first + second), 0.5 * (first - second)
+        """Return the changes by coordinate, whitened, and the chance in them."""
+        return robust.mean_and_chance(*(self.whiten(j, points) for j in self.jacobian))
 
     def _information(self, changes: Floats, chance: Floats, least: float) -> Floats:
         seen = robust.without(changes.T @ changes, chance.T @ chance, least)

@@ -90,6 +90,11 @@ def solve(
     return c, before - after
 
 
+def mean_and_chance(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Return what two sensors tell together, and the chance in it: half of what they differ by."""
+    return 0.5 * (first + second), 0.5 * (first - second)
+
+
 def shared(first: Floats, second: Floats) -> Floats:
     """Return the products of columns of which two sensors tell: of one's with the other's, without their chance."""
     both = first.T @ second

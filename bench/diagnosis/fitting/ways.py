@@ -91,9 +91,10 @@ def well_seen(
     for number in range(_ROUNDS):
         fresh = samples_around(problem, model, slots, at, seed + _OTHER_SEED * number, ways, _LITTLE)
         samples += [replace(one, pair=one.pair + number * ways.shape[1]) for one in fresh]
-        first, second = (whiten(here.roots, j, problem.measured.points)
-                         for j in slopes(problem, slots, at, here, samples, ways))  # fmt: skip
-        changes, chance = 0.5 * (first + second), 0.5 * (first - second)
+        sides = (
+            whiten(here.roots, j, problem.measured.points) for j in slopes(problem, slots, at, here, samples, ways)
+        )
+        changes, chance = robust.mean_and_chance(*sides)
         before, ways = ways, directions(slots, at, robust.without(changes.T @ changes, chance.T @ chance))
         longer = np.linalg.svd(np.linalg.pinv(before) @ ways, compute_uv=False)
         if longer.max() < _ABOUT and longer.min() > 1.0 / _ABOUT:
