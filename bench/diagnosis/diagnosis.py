@@ -254,7 +254,7 @@ class Diagnosis:
         stopped = False
         if not self.findings:
             stopped = self._searching or self._might_go_on(states[-1])
-            verdict, missing = verdict_of(self.problem, states, stopped, self._seed + 59)
+            verdict, missing = verdict_of(self.problem, states, stopped, self._seed + 59, self._say)
         last = states[-1].fit if states else None
         ties = ties_of(states, missing)
         ties = told_apart(ties, self.problem, last) if last is not None else ties

@@ -58,6 +58,7 @@ class State:
     group: tuple[str, ...] = ()  #: what was added, and all that could not be told from it then
     trends: tuple[Trend, ...] = ()  #: that chance does not make, where the squares are no larger than chance makes
     chosen: bool = False  #: whether a proposal was looked for
+    missed: dict[str, bool] = field(default_factory=dict)  #: of effects that were asked: the model does worse without
 
 
 def strengths(problem: Problem, states: Sequence[State]) -> dict[str, float]:

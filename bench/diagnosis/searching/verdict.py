@@ -11,7 +11,7 @@ from bench.diagnosis.searching.state import is_explained, strengths
 from bench.diagnosis.searching.taking_out import is_missed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from bench.diagnosis.expected.problem import Problem
     from bench.diagnosis.result import Verdict
@@ -21,7 +21,8 @@ __all__ = ["group_of", "ties_of", "verdict_of"]
 
 
 def verdict_of(
-    problem: Problem, states: Sequence[State], stopped: bool = False, seed: int = 1
+    problem: Problem, states: Sequence[State], stopped: bool = False, seed: int = 1,
+    say: Callable[[str], None] = lambda _: None,
 ) -> tuple[Verdict, tuple[str, ...]]:  # fmt: skip
     """Return the verdict, and the effects that are named.
 
@@ -32,10 +33,9 @@ def verdict_of(
     nothing explains, only those are named that take away nearly all of what was too much.
     """
     if is_explained(problem, states[-1]):
-        last = states[-1].fit
         named = tuple(
             name for name, sigmas in strengths(problem, states).items()
-            if sigmas >= NEEDED or is_missed(problem, last, name, seed)
+            if sigmas >= NEEDED or _is_missed(problem, states[-1], name, seed, say)
         )  # fmt: skip
         return ("explained" if named else "unexplained" if stopped else "nothing_missing"), named
     sure = (
@@ -43,6 +43,14 @@ def verdict_of(
         if after.added is not None and min(after.fall, share_of_loss(problem, before.fit, after.fit)) > NEARLY_ALL
     )  # fmt: skip
     return "unexplained", tuple(sure)
+
+
+def _is_missed(problem: Problem, state: State, name: str, seed: int, say: Callable[[str], None]) -> bool:
+    """Return whether a model does worse without an effect; it is fitted without it once."""
+    if name not in state.missed:
+        say(f"fitting without {name}")
+        state.missed[name] = is_missed(problem, state.fit, name, seed)
+    return state.missed[name]
 
 
 def group_of(before: State, added: str) -> tuple[str, ...]:

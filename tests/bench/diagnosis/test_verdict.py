@@ -83,10 +83,12 @@ def test_what_is_within_chance_of_nothing_in_the_end_is_named_only_if_it_is_miss
     monkeypatch.setattr("bench.diagnosis.searching.verdict.strengths", sigmas)
     monkeypatch.setattr("bench.diagnosis.searching.verdict.is_missed", is_missed)
     problem: Any = None
-    states: Any = [SimpleNamespace(added=name, fit=None) for name in (None, "crosstalk", "leak")]
-    assert verdict_of(problem, states) == ("explained", named)
-    assert verdict_of(problem, [states[0], states[2]]) == alone
-    assert asked == ["leak", "leak"]  # what stands out is not tried without
+    states: Any = [SimpleNamespace(added=name, fit=None, missed={}) for name in (None, "crosstalk", "leak")]
+    told: list[str] = []
+    assert verdict_of(problem, states, say=told.append) == ("explained", named)
+    assert verdict_of(problem, [states[0], states[2]], say=told.append) == alone
+    assert asked == ["leak"]  # once; what stands out is not tried without
+    assert told == ["fitting without leak"]
 
 
 @pytest.fixture
