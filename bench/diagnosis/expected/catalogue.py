@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from sim_backend.pixel.model import PixelModel
 
 __all__ = [
+    "BENT",
     "DELAYS",
     "NEEDS_KNOWN_THRESHOLDS",
     "OF_ALL_PIXELS",
@@ -89,7 +90,7 @@ _FITTED: Final[dict[str, tuple[tuple[str, Scale, float, float], ...]]] = {
     "readout_saturation": (("max_rate_eps", "inverse", 1e5, math.inf),),
     "event_rate_limit": (("max_rate_eps", "inverse", 1e5, math.inf),),
     "timestamp_jitter": (("sigma_s", "linear", 3e-4, 0.05),),
-    "trail_filter": (("window_s", "linear", 0.02, 1.0),),
+    "trail_filter": (("window_s", "linear", 0.02, 10.0),),
 }
 
 #: Numbers of an effect that are what they usually are until the data ask for others: name, scale, the highest that is
@@ -103,6 +104,9 @@ _DETAILS: Final[dict[str, tuple[tuple[str, Scale, float, tuple[float, ...]], ...
 
 #: Numbers that make all events later, each by itself; what else they do is little.
 DELAYS: Final = frozenset({("comparator_delay", "delay_s")})
+
+#: Numbers along which what is expected goes in bends: a window that is as long as a pulse does all that it can.
+BENT: Final = frozenset({("trail_filter", "window_s")})
 
 #: Numbers that only shape what another one switches on.
 _SHAPES: Final = frozenset(

@@ -61,15 +61,22 @@ def explain(fit: Fit, columns: Floats, residual: Floats, one: Probe | None) -> E
     return Explained(c[:k], c[k:] * at, fall)
 
 
-def followed(problem: Problem, fit: Fit, value: Floats) -> tuple[float, Floats]:
+def followed(
+    problem: Problem, fit: Fit, value: Floats, *, holding: int | None = None
+) -> tuple[float, Floats]:  # fmt: skip
     """Return the loss beside what is expected once the free numbers have followed, and how far (b,) they go.
 
     Parameters
     ----------
     value
         (n,) expected while they stay.
+    holding
+        Place of a number that stays.
     """
     points = problem.measured.points
     residual = whiten(fit.roots, problem.measured.value - value, points)
-    moved = explain(fit, whiten(fit.roots, fit.jacobian.mean(axis=0), points), residual, None)
+    columns = whiten(fit.roots, fit.jacobian.mean(axis=0), points)
+    if holding is not None:
+        columns[:, holding] = 0.0
+    moved = explain(fit, columns, residual, None)
     return robust.loss(residual) - moved.fall, moved.base

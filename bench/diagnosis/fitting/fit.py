@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from bench.diagnosis.fitting import robust
+from bench.diagnosis.fitting.along import looked_along
 from bench.diagnosis.fitting.approach import approach, best_of
 from bench.diagnosis.fitting.chance import frozen_of, pooled, scale_of
 from bench.diagnosis.fitting.fitted import Fit, whiten
 from bench.diagnosis.fitting.looks import loss_of, shifted
+from bench.diagnosis.fitting.moving import FINE
 from bench.diagnosis.fitting.slopes import Around, AsBefore, samples_around
 from bench.diagnosis.fitting.steps import inside, shown, step_from
 from bench.diagnosis.fitting.ways import directions, well_seen
@@ -37,15 +39,14 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["finish", "fit", "moved"]
+__all__ = ["finish", "fit"]
 
 _LOG = logging.getLogger(__name__)
 
 #: Relative error that what is expected may have at the start of a fit.
 _ANYWHERE: Final = 0.3
-#: Effort of one look at the solution, how many there are at the least, and how many steps at the most: what is
-#: expected is known from all looks.
-_FINE: Final = 3.0
+#: How many looks at the solution there are at the least, and how many steps at the most: what is expected is known
+#: from all looks.
 _VISITS: Final = 4
 _POLISHINGS: Final = 6
 #: A fit ends when a step would lower the loss by less than this.
@@ -75,6 +76,7 @@ _BEATEN: Final = 1.5
 _STRAYED: Final = 0.7
 _GOOD: Final = 2.0
 _OTHER_SEED: Final = 503
+_SEED_ALONG: Final = 601
 #: Directions of which less is seen, beside chance, are looked at again: so many times as far, with so many times the
 #: effort.
 _HARDLY: Final = 0.5
@@ -126,32 +128,8 @@ def finish(
         residual=problem.measured.value - value,
         common=(1.0 + problem.alike(models) / here.recordings) / here.more,
     )
-    return replace(found, frozen=frozen_of(problem, found, models, there.seen))
-
-
-def moved(problem: Problem, found: Fit, x: Floats, seed: int, effort: float = 1.0) -> Fit:
-    """Return a fit at other coordinates, or beside other phases: what it expects is simulated there, once.
-
-    How that changes by coordinate, and how residuals scatter, is what it was.
-
-    Parameters
-    ----------
-    effort
-        So many times that of a look of a fit.
-    """
-    models = problem.models(found.model, found.slots, x)
-    here = shifted(problem, problem.expect(problem.simulate([models], seed, _FINE * effort)[0]), found.slots, x)
-    return replace(
-        found,
-        model=problem.of_settings(found.model, found.slots, x)[0],
-        x=x,
-        value=here.value,
-        ratio=here.ratio,
-        roots=here.roots,
-        deviation=here.deviation,
-        residual=problem.measured.value - here.value,
-        common=(1.0 + problem.alike(models) / here.recordings) / here.more,
-    )
+    found = replace(found, frozen=frozen_of(problem, found, models, there.seen))
+    return looked_along(problem, found, near.seed + _SEED_ALONG) if _is_good(problem, there.loss) else found
 
 
 @dataclass(frozen=True)
@@ -197,7 +175,7 @@ def _minimum(
     more = times * (max(problem.cost(problem.models(model, slots, at)), 1.0) if precise else 1.0)
 
     def look(x: Floats, number: int) -> tuple[Sequence[Sensor], Expectation]:
-        found = problem.simulate([problem.models(model, slots, x)], seed + 10 * number, _FINE * more)[0]
+        found = problem.simulate([problem.models(model, slots, x)], seed + 10 * number, FINE * more)[0]
         return found, shifted(problem, problem.expect(found), slots, x)
 
     sensors, here = look(at, 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from bench.diagnosis.fitting import robust
 from bench.diagnosis.fitting.normal import inverse, solved
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -49,6 +49,8 @@ class Fit:
     frozen: Floats | None = None  #: (k,) variance of the coordinates from what is frozen in the pixels of all points
     common: float = 1.0
     """Variance of what several points have in common, beside that of each: they were simulated as one."""
+    between: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    """Of numbers that go in bends, by their place: the coordinates between which they are, with 90 %."""
 
     def models(self, problem: Problem) -> list[PixelModel]:
         """Return the fitted model of each point of a problem."""

@@ -11,8 +11,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from bench.diagnosis.fitting.approach import approach
-from bench.diagnosis.fitting.fit import finish, moved
+from bench.diagnosis.fitting.fit import finish
 from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
+from bench.diagnosis.fitting.moving import moved
 from bench.diagnosis.fitting.phase_search import sharper_phases
 from sim_backend.pixel.effects.light_flicker import LightFlicker
 

@@ -208,12 +208,12 @@ def values_of(problem: Problem, one: Fit) -> dict[str, Value]:
     simulated = 0.0 if one.frozen is None else one.frozen
     sd = np.sqrt(np.diag(one.scatter(problem.measured.points)) + np.maximum(drawn - simulated, 0.0))
     found = {}
-    for slot, x, fitted_sd in zip(one.slots, one.x, sd, strict=True):
+    for i, (slot, x, fitted_sd) in enumerate(zip(one.slots, one.x, sd, strict=True)):
         known = problem.known.get((slot.free.owner, slot.free.name))
         s = float(fitted_sd) if known is None else known.sd
         of_share = is_share(slot.free) and math.isfinite(s)
         around = share_interval(x, s, pixels, _NINETY) if of_share else (x - _NINETY * s, x + _NINETY * s)
-        outer = np.clip(around, *slot.free.range)
+        outer = np.clip(one.between.get(i, around), *slot.free.range)
         ends = sorted(slot.free.value(float(end)) for end in outer)
         found[slot.key(problem.settings)] = Value(slot.free.value(x), ends[0], ends[1], slot.free.unit)
     return found

@@ -8,7 +8,6 @@ slope that leads back. What is left in a valley looks as if an effect were missi
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Final
 
@@ -135,23 +134,18 @@ def _other_threshold(problem: Problem, found: Fit, seed: int) -> Floats | None:
     if not changes:
         return None
     tries = [found.x, *(_with_other(found, i, factor) for i, factor in changes)]
-    held = [found, *(_holding(found, i) for i, _ in changes)]
+    held = [None, *(i for i, _ in changes)]
     models = [problem.models(found.model, found.slots, x) for x in tries]
     here, *there = (
-        followed(problem, one, shifted(problem, problem.expect(sensors), found.slots, x).value_or(found.value))
-        for one, x, sensors in zip(held, tries, problem.simulate(models, seed, _EFFORT), strict=True)
+        followed(
+            problem, found, shifted(problem, problem.expect(sensors), found.slots, x).value_or(found.value), holding=i
+        )
+        for i, x, sensors in zip(held, tries, problem.simulate(models, seed, _EFFORT), strict=True)
     )
     best = int(np.argmin([loss for loss, _ in there]))
     loss, moved = there[best]
     better = loss < here[0] - _LEAST_FALL * found.common
     return inside(found.slots, tries[1 + best] + moved) if better else None
-
-
-def _holding(found: Fit, i: int) -> Fit:
-    """Return a fit in which one number changes nothing."""
-    jacobian = found.jacobian.copy()
-    jacobian[:, :, i] = 0.0
-    return replace(found, jacobian=jacobian)
 
 
 def _with_other(found: Fit, i: int, factor: float) -> Floats:

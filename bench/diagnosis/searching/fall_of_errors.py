@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.fitting.fit import moved
 from bench.diagnosis.fitting.judging import error_of
+from bench.diagnosis.fitting.moving import moved
 from bench.diagnosis.fitting.sharpening import NEARBY
 from bench.diagnosis.result import Error
 

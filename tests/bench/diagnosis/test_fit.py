@@ -14,8 +14,9 @@ import pytest
 from bench.diagnosis.fitting import fit as fit_module
 from bench.diagnosis.fitting.approach import Approach
 from bench.diagnosis.fitting.cloud import Cloud
-from bench.diagnosis.fitting.fit import _hardly_seen, _Minimum, _minimum_seen, finish, moved
+from bench.diagnosis.fitting.fit import _hardly_seen, _Minimum, _minimum_seen, finish
 from bench.diagnosis.fitting.judging import error_of, values_of
+from bench.diagnosis.fitting.moving import moved
 from bench.diagnosis.fitting.sharpening import from_here
 from bench.diagnosis.fitting.slopes import Around, samples_around
 from bench.diagnosis.session import open_session
