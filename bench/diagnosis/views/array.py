@@ -11,7 +11,11 @@ from bench.diagnosis.views.base import Statistic, View
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import numpy.typing as npt
+
     from bench.diagnosis.recorded.recording import Recording
+
+    Integers = npt.NDArray[np.int64]
 
 __all__ = ["Burst", "Neighbours", "Outliers"]
 
@@ -19,8 +23,11 @@ __all__ = ["Burst", "Neighbours", "Outliers"]
 _TOGETHER_US: Final = 12
 #: So many events before an event are looked at.
 _LOOKED_BACK: Final = 3
-#: Puts pixels in an order that has nothing to do with their places (Knuth's multiplicative hash).
-_SHUFFLE: Final = 2654435761
+#: Of the order of events of one time: multipliers and shifts of SplitMix64 (G. L. Steele, D. Lea, C. H. Flood, "Fast
+#: splittable pseudorandom number generators", OOPSLA 2014).
+_GOLDEN, _FIRST, _SECOND = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
+_SHIFTS: Final = tuple(np.uint64(n) for n in (30, 27, 31))
+_LAST_BITS: Final = np.uint64(48)
 #: Events of a burst; shorter bursts than this are taken as this: how the camera cuts time is not the question.
 _BURST: Final = 32
 _SHORTEST_US: Final = 40
@@ -45,9 +52,7 @@ class Neighbours(View):
         from bench.diagnosis.recorded.answer_kernels import count_together
 
         t, pixel, n, roi = recording.t_us, recording.pixel, recording.pixels, recording.frame.point.roi
-        # Events of one time come row by row: without another order neighbours would follow each other.
-        shuffled = pixel * _SHUFFLE % 2**32 >> 16
-        order = np.argsort((t << 16) + shuffled, kind="stable")
+        order = np.argsort((t << 16) + _shuffled(t, pixel), kind="stable")
         place = np.tile(np.flatnonzero(recording.frame.rank >= 0), recording.sensors)
         row, column = np.divmod(place, roi.width)
         top = np.zeros(n)
@@ -64,6 +69,18 @@ class Neighbours(View):
         pixels = width * height
         neighbours = width * (height - 1) + height * (width - 1)
         return neighbours / max(pixels * (pixels - 1) // 2 - neighbours, 1)
+
+
+def _shuffled(t: Integers, pixel: Integers) -> Integers:
+    """Return (n,) numbers of 16 bits that put events of one time in an order, which is another one at other times.
+
+    They come row by row: without another order neighbours would follow each other. Were it the same one at all times,
+    so would the same pixels, and whether there are neighbours among these would be a matter of the window.
+    """
+    mixed = t.astype(np.uint64) * _GOLDEN + pixel.astype(np.uint64) * _FIRST
+    for shift, factor in zip(_SHIFTS, (_FIRST, _SECOND, np.uint64(1)), strict=True):
+        mixed = (mixed ^ (mixed >> shift)) * factor
+    return (mixed >> _LAST_BITS).astype(np.int64)
 
 
 class Outliers(View):

@@ -165,6 +165,18 @@ def test_neighbours_that_fire_together(point: Callable[..., Any], recorded: Call
     assert value(summary, "neighbours", "both") == pytest.approx((1.0 - 112 / (64 * 63 / 2 - 112)) / 6)
 
 
+def test_pixels_that_all_fire_at_once_have_nothing_in_common_with_their_neighbours(
+    point: Callable[..., Any], recorded: Callable[..., Any]
+) -> None:
+    """A hundred times, each in another order: in the same one the same pixels would follow each other every time."""
+    times = range(10_000, 510_000, 5_000)
+    summary = look(recorded(point(0, 0.0), [(t, x, y, 1) for t in times for y in range(8) for x in range(8)]))
+    neighbours, others = 112, 64 * 63 / 2 - 112
+    # Each of three events before one is of a neighbour by chance, and counts 1; any other counts less than nothing.
+    each = (neighbours + others * (neighbours / others) ** 2) / (neighbours + others)
+    assert abs(value(summary, "neighbours", "both")) < 4.0 * math.sqrt(3.0 * each / (64 * len(times)))
+
+
 def test_events_outside_window_end_and_gaps_do_not_count(
     point: Callable[..., Any], recorded: Callable[..., Any]
 ) -> None:
