@@ -25,6 +25,8 @@ POLARITIES: Final = 2
 _PULSES: Final = 8
 _FIRST: Final = 1
 _LINE: Final = 2
+#: What is left of counts that are the same in all periods is rounding.
+_NOTHING: Final = 1e-9
 #: and they repeat to this, s.
 _REPEATS_S: Final = 1e-5
 
@@ -44,8 +46,12 @@ class Bins:
         return self.rows * self.columns
 
     def of(self, t_us: Ints) -> Ints:
-        """Return the bin of each time, -1 for those outside."""
-        index = np.floor((t_us * 1e-6 - self.begin_s) / self.width_s).astype(np.int64)
+        """Return the bin of each time, -1 for those outside.
+
+        Times are whole microseconds: from the middle of one, none lies on an edge, where rounding would tell in which
+        bin it is, in one period otherwise than in the next.
+        """
+        index = np.floor(((t_us + 0.5) * 1e-6 - self.begin_s) / self.width_s).astype(np.int64)
         return np.where((index >= 0) & (index < self.count), index, -1)
 
     def beyond_stimulus(self, values: Floats) -> Floats:
@@ -54,7 +60,7 @@ class Bins:
             return np.asarray(values - values.mean(axis=-1, keepdims=True))
         each = values.reshape(*values.shape[:-1], self.rows, self.columns)
         left = np.moveaxis(self.beyond_trend(np.moveaxis(each, -1, -2)), -1, -2)
-        return np.asarray(left.reshape(values.shape))
+        return np.asarray(np.where(np.abs(left) > _NOTHING, left, 0.0).reshape(values.shape))
 
     def beyond_trend(self, values: npt.NDArray[_Number]) -> npt.NDArray[_Number]:
         """Return (..., periods) values less their mean and straight line; of constant light as they are."""

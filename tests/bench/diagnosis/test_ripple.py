@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from bench.diagnosis.recorded.ripple import ripple_hz
+from bench.diagnosis.recorded.stimulus_bins import bins_of, counts_of
 
 SECONDS = 10.0
 
@@ -90,3 +92,39 @@ def test_pulses_of_one_period_do_not_tell() -> None:
 
 def test_hardly_any_events_say_nothing() -> None:
     assert ripple_hz([steady(np.random.default_rng(6), 0.9, 123.4, events=50)]) is None
+
+
+def written(per_pulse: Any, period_s: float, seconds: float = 2.0, late: float = 0.0) -> Any:
+    """Return a point with pulses from `late` on, each answered by as many events as `per_pulse` says, at once."""
+    edges = np.arange(0.1, seconds, 0.5 * period_s)
+    times = np.repeat(np.round(1e6 * (edges + late)), [per_pulse(i) for i in range(len(edges))])
+    stamps = np.zeros(len(times), dtype=[("t", np.int64), ("p", np.uint8)])
+    stamps["t"] = times
+    return SimpleNamespace(events=lambda: iter([stamps]), duration_s=seconds, pulse_start_s=edges)
+
+
+def test_what_is_the_same_in_all_periods_leaves_nothing() -> None:
+    """All pixels answer each pulse at once: what rounding leaves of that was a line of 1000 Hz."""
+    assert ripple_hz([written(lambda _: 256, period_s) for period_s in (0.161, 0.041)]) is None
+
+
+@pytest.mark.parametrize("late_us", [500, 750])
+def test_stamps_on_the_edge_of_a_bin_are_in_one_bin(late_us: int) -> None:
+    """Bins are a quarter of a millisecond; where one begins rounding told, and not in all periods alike."""
+    point = written(lambda _: 256, 0.041, late=1e-6 * late_us)
+    bins = bins_of(point, 1.0 / 4000.0)
+    assert bins is not None
+    assert not np.any(bins.beyond_stimulus(counts_of(point, bins)))
+
+
+def test_what_few_recordings_settle_to_at_first_is_no_ripple() -> None:
+    """Pulses between two thresholds are answered until the level has settled between them, in one of five."""
+    rng = np.random.default_rng(3)
+
+    def settling(i: int) -> int:
+        return int(rng.binomial(256, 0.1 + 0.9 * math.exp(-i / 6.0)))
+
+    periods = (0.161, 0.041)
+    taken = [written(settling, period_s) for period_s in periods]
+    taken += [written(lambda _: int(rng.binomial(256, 0.5)), period_s) for period_s in 4 * periods]
+    assert ripple_hz(taken) is None
