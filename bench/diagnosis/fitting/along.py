@@ -10,7 +10,7 @@ Source: D. R. Cox, D. V. Hinkley, "Theoretical Statistics", Chapman and Hall (19
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
@@ -20,7 +20,7 @@ from bench.diagnosis.expected.catalogue import BENT
 from bench.diagnosis.fitting.explaining import followed
 from bench.diagnosis.fitting.looks import shifted
 from bench.diagnosis.fitting.moving import moved
-from bench.diagnosis.fitting.steps import inside
+from bench.diagnosis.fitting.steps import inside, with_coordinate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -72,7 +72,7 @@ def looked_along(problem: Problem, found: Fit, seed: int) -> Fit:
     return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Look:
     """A fit at another value of one number, to which the others have followed."""
 
@@ -83,34 +83,37 @@ class _Look:
     moved: Floats  #: (k,) how far the others went
 
 
-@dataclass
 class _Profile:
     """What other values of one number of a fit leave, in order."""
 
-    problem: Problem
-    found: Fit
-    i: int
-    seed: int
-    looks: list[_Look] = field(default_factory=list)
+    def __init__(self, problem: Problem, found: Fit, i: int, seed: int) -> None:
+        self._problem, self._found, self._i, self._seed = problem, found, i, seed
+        at = float(found.x[i])
+        self._here = self._expected([at])[0]
+        self.looks = [self._look(at, self._here)]
 
     def look(self, values: Sequence[float]) -> None:
-        """Look at other values of the number, and once more at the one of the fit."""
-        found, i = self.found, self.i
-        xs = [found.x, *(_with(found.x, i, value) for value in values)]
-        models = [self.problem.models(found.model, found.slots, x) for x in xs]
-        here, *there = (
-            shifted(self.problem, self.problem.expect(sensors), found.slots, x)
-            for x, sensors in zip(xs, self.problem.simulate(models, self.seed, _EFFORT), strict=True)
-        )
-        known = {look.at for look in self.looks}
-        new = [(float(x[i]), one) for x, one in zip(xs, (here, *there), strict=True) if float(x[i]) not in known]
-        self.looks = sorted([*self.looks, *(self._look(at, here, one) for at, one in new)], key=lambda look: look.at)
+        """Look at other values of the number."""
+        new = map(self._look, values, self._expected(values))
+        self.looks = sorted([*self.looks, *new], key=lambda look: look.at)
 
-    def _look(self, at: float, here: Expectation, there: Expectation) -> _Look:
+    def _expected(self, values: Sequence[float]) -> list[Expectation]:
+        """Return what is expected at some values, with the same random numbers for all."""
+        found = self._found
+        xs = [with_coordinate(found.x, self._i, value) for value in values]
+        models = [self._problem.models(found.model, found.slots, x) for x in xs]
+        simulated = self._problem.simulate(models, self._seed, _EFFORT)
+        return [
+            shifted(self._problem, self._problem.expect(sensors), found.slots, x)
+            for x, sensors in zip(xs, simulated, strict=True)
+        ]
+
+    def _look(self, at: float, there: Expectation) -> _Look:
         """Return what is left at a value; statistics of which one of the simulations says nothing stay."""
-        value = self.found.value + np.where(here.said & there.said, there.value - here.value, 0.0)
-        loss, moved = followed(self.problem, self.found, value, holding=self.i)
-        ratio = self.found.ratio + np.nan_to_num(there.ratio - here.ratio)
+        found, here = self._found, self._here
+        value = found.value + np.where(here.said & there.said, there.value - here.value, 0.0)
+        loss, moved = followed(self._problem, found, value, holding=self._i)
+        ratio = found.ratio + np.nan_to_num(there.ratio - here.ratio)
         return _Look(at, loss, value, ratio, moved)
 
     @property
@@ -121,7 +124,7 @@ class _Profile:
     @property
     def most(self) -> float:
         """The loss of values at the ends of the interval."""
-        return self.best.loss + _NINETY * self.found.common * self.found.caution
+        return self.best.loss + _NINETY * self._found.common * self._found.caution
 
     def in_gaps(self) -> list[float]:
         """Return values to look at next: around the best one, and where the interval ends."""
@@ -150,7 +153,7 @@ def _along(problem: Problem, found: Fit, i: int, seed: int) -> Fit:
     profile.look(list(_first(problem, found, i)))
     profile.look(profile.in_gaps())
     best = profile.best
-    x = inside(found.slots, _with(found.x, i, best.at) + best.moved)
+    x = inside(found.slots, with_coordinate(found.x, i, best.at) + best.moved)
     value = best.value + found.jacobian.mean(axis=0) @ best.moved
     return replace(
         found,
@@ -164,15 +167,9 @@ def _along(problem: Problem, found: Fit, i: int, seed: int) -> Fit:
 
 
 def _first(problem: Problem, found: Fit, i: int) -> Iterator[float]:
-    """Yield the values that are looked at first, inside the range of the number."""
+    """Yield the other values that are looked at first, inside the range of the number."""
     here, (low, high) = float(found.x[i]), found.slots[i].free.range
     sd = float(np.sqrt(found.scatter(problem.measured.points)[i, i]))
     step = sd if np.isfinite(sd) and sd > 0.0 else _UNKNOWN * abs(here)
     inner = {value for value in (here + s * step for s in _FROM_HERE) if low < value < high}
-    yield from sorted(inner | {value for value in (low, high) if np.isfinite(value)})
-
-
-def _with(x: Floats, i: int, value: float) -> Floats:
-    to = x.copy()
-    to[i] = value
-    return to
+    yield from sorted((inner | {value for value in (low, high) if np.isfinite(value)}) - {here})

@@ -21,7 +21,7 @@ from bench.diagnosis.fitting.fitted import prior_precision, solve
 from bench.diagnosis.fitting.judging import deviance_per_dof, leaves_more_than_chance
 from bench.diagnosis.fitting.looks import shifted
 from bench.diagnosis.fitting.sharpening import is_costly
-from bench.diagnosis.fitting.steps import inside
+from bench.diagnosis.fitting.steps import inside, with_coordinate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -150,9 +150,9 @@ def _other_threshold(problem: Problem, found: Fit, seed: int) -> Floats | None:
 
 def _with_other(found: Fit, i: int, factor: float) -> Floats:
     """Return coordinates with one number multiplied by a factor."""
-    free, to = found.slots[i].free, found.x.copy()
-    to[i] = free.coordinate(factor * free.value(float(to[i])))
-    return inside(found.slots, to)
+    free = found.slots[i].free
+    to = free.coordinate(factor * free.value(float(found.x[i])))
+    return inside(found.slots, with_coordinate(found.x, i, to))
 
 
 def _other_shapes(problem: Problem, found: Fit, shapes: Sequence[int]) -> Iterator[Floats]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["inside", "longest_of", "shown", "step_from"]
+__all__ = ["inside", "longest_of", "shown", "step_from", "with_coordinate"]
 
 #: No step is longer than this: in ln units for a threshold, and for other numbers of the base pixel.
 _LONGEST_THRESHOLD: Final = 0.3
@@ -76,6 +76,13 @@ def _longest(slot: Slot, at: float) -> float:
 def inside(slots: Sequence[Slot], x: Floats) -> Floats:
     """Return the coordinates, none beyond its bounds."""
     return np.array([min(max(c, s.free.range[0]), s.free.range[1]) for s, c in zip(slots, x, strict=True)])
+
+
+def with_coordinate(x: Floats, i: int, value: float) -> Floats:
+    """Return the coordinates with another one at a place."""
+    to = x.copy()
+    to[i] = value
+    return to
 
 
 def shown(slots: Sequence[Slot], at: Floats) -> str:

@@ -69,8 +69,13 @@ def _agreed(powers: Floats, pulsed: npt.NDArray[np.bool_]) -> Floats:
     """
     if not pulsed.any():
         return np.asarray(np.sum(powers, axis=0))
-    most = _MORE_THAN_MOST * np.median(powers[pulsed], axis=0)
-    return np.asarray(np.sum(np.where(pulsed[:, None], np.minimum(powers, most), powers), axis=0))
+    steady = np.sum(powers[~pulsed], axis=0)
+    return np.asarray(steady + np.sum(no_more_than_most(powers[pulsed], _MORE_THAN_MOST), axis=0))
+
+
+def no_more_than_most(powers: Floats, times: float) -> Floats:
+    """Return powers (recordings, f), each no larger than so many times the median of all recordings."""
+    return np.asarray(np.minimum(powers, times * np.median(powers, axis=0)))
 
 
 def _powers(known: Sequence[tuple[Bins, Floats]], at: Floats) -> Floats:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from bench.diagnosis.recorded.line import sharpened_hz
+from bench.diagnosis.recorded.line import no_more_than_most, sharpened_hz
 from bench.diagnosis.recorded.stimulus_bins import POLARITIES, bins_of, counts_of, period_s
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def _of_answers(points: Sequence[PointData], at: Floats) -> list[float]:
     if len(periods) <= 1:
         return []
     # A ripple is in all recordings; what pixels settle to at first is slow beside the pulses, and in few of them.
-    agreed = np.minimum(spectra, _MORE_THAN_MOST * np.median(spectra, axis=0))
+    agreed = no_more_than_most(np.stack(spectra), _MORE_THAN_MOST)
     total = np.sum(agreed, axis=0)
     above = float(np.max(total) - np.median(total))
     # What lasts from pulse to pulse makes spectra of answers rougher than chance.

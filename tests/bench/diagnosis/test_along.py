@@ -140,6 +140,15 @@ def test_what_a_simulation_says_nothing_of_stays() -> None:
     assert found.value[3] == 7.0
 
 
+def test_a_window_of_nothing_stays_nothing() -> None:
+    """The fit is at the end of the range, which is looked at as well."""
+    problem: Any = Problem(lambda x: 400.0 * x[0] * np.ones(N), np.full(N, 0.0))
+    found = looked_along(problem, fitted(problem, (WINDOW,), [0.0], slopes_of(400.0)), 1)
+    sd = 1.0 / (400.0 * np.sqrt(N))
+    assert found.x[0] == 0.0
+    np.testing.assert_allclose(found.between[0], [0.0, NINETY * sd], atol=0.1 * sd)
+
+
 def test_other_numbers_are_left_as_they_are() -> None:
     problem: Any = Problem(lambda x: 400.0 * x[0] * np.ones(N), np.full(N, 40.0))
     ended = fitted(problem, (LEAK,), [0.09], slopes_of(400.0))
