@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 __all__ = ["time_grid_us"]
 
+#: What waits for a readout is stamped when it has been served. After so long a pause nothing waits, us.
+_PAUSE_US: Final = 200.0
+#: Times between such events tell if there are so many of different length: pulses alone come back in multiples of a
+#: step of their own.
+_UNLIKE: Final = 100
 #: Steps that are looked for, us: a camera stamps whole microseconds, and no simulation looks less often.
 _SHORTEST_US: Final = 4.0
 _LONGEST_US: Final = 110.0
@@ -39,10 +44,18 @@ _FIGURES: Final = 4
 def time_grid_us(points: Sequence[PointData]) -> float | None:
     """Return the time between two looks of the comparators, us; None: it does not show in the time stamps.
 
-    It is the longest step of which all times between events are multiples. Stamps are rounded to whole microseconds;
-    the step need not be one.
+    It is the longest step of which all times between events are multiples, of those after a pause if that can be told
+    of them. Stamps are rounded to whole microseconds; the step need not be one.
     """
     times = [np.unique(events["t"].astype(np.float64)) for p in points for events in p.events()]
+    after_a_pause = [t[1:][np.diff(t) > _PAUSE_US] for t in times]
+    unlike = {float(between) for t in after_a_pause for between in np.diff(t)}
+    found = _step_us([t - t[0] for t in after_a_pause if len(t)]) if len(unlike) >= _UNLIKE else None
+    return _step_us(times) if found is None else found
+
+
+def _step_us(times: Sequence[Floats]) -> float | None:
+    """Return the longest step of which times, or all that is between two of them, are multiples, us."""
     whole = int(np.gcd.reduce(np.concatenate([t.astype(np.int64) for t in times]))) if times else 0
     if _SHORTEST_US <= whole <= _LONGEST_US:
         return float(whole)

@@ -40,3 +40,24 @@ def test_time_that_is_not_cut_shows_no_step() -> None:
     assert time_grid_us(at_multiples(13.7, jitter_us=20.0)) is None
     assert time_grid_us([stamped(41, 100)]) is None
     assert time_grid_us([stamped()]) is None
+
+
+def test_events_that_wait_for_a_readout_do_not_hide_the_step() -> None:
+    def served(service_us: float) -> list[Any]:
+        """Return bursts of 30 events at once, and single ones, each stamped when it has been served."""
+        looks = 20.0 * np.sort(RNG.integers(0, 100_000, 400))
+        asked = np.sort(np.concatenate([looks, np.repeat(looks[::4], 30)]))
+        free, stamps = 0.0, []
+        for t in asked:
+            free = max(free, t) + service_us
+            stamps.append(free)
+        return [stamped(*stamps)]
+
+    assert time_grid_us(served(25.0)) == 20.0  # 5.0 divides all stamps
+    assert time_grid_us(served(27.3)) == 20.0  # and nothing does
+
+
+def test_pulses_alone_do_not_make_a_step_longer() -> None:
+    pulses = 100_100.0 * np.arange(300)
+    answers = np.concatenate([pulses, pulses + 20.0, pulses + 60.0])
+    assert time_grid_us([stamped(*answers)]) == 20.0
