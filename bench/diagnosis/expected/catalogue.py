@@ -52,6 +52,8 @@ TWINS: Final = {
     "leak": "light_drift",
     "stray_light": "dark_current",
     "dark_current": "stray_light",
+    "readout_saturation": "event_rate_limit",
+    "event_rate_limit": "readout_saturation",
 }
 
 #: Each adds to the photocurrent what the other adds, at any light: no simulation is needed to know that they are the

@@ -23,6 +23,7 @@ from bench.diagnosis.fitting.judging import (
 )
 from bench.diagnosis.fitting.looks import loss_of_fit
 from bench.diagnosis.fitting.sharpening import EXPLAINS, NEARBY, fitted_on, from_here, is_costly, sharpened
+from bench.diagnosis.searching.entering import with_what_sets_in
 from bench.diagnosis.searching.race import Raced, entrant, near_by, race
 from bench.diagnosis.searching.valley import through_the_valley
 
@@ -102,7 +103,7 @@ def refitted(
     """
     entrants = [entrant(problem, here, scores, i, seed, far_off) for i in candidates]
     if far_off:
-        raced = _raced(problem, entrants, most, leave)
+        raced = _raced(problem, [with_what_sets_in(problem, one) for one in entrants], most, leave)
     else:
         raced = [Raced(near_by(problem, one), hopeless=False) for one in entrants]
     names = [scores.probes[i].effect.id for i in candidates]
