@@ -61,3 +61,14 @@ def test_what_is_no_twin_is_asked_from_the_best_alone(monkeypatch: pytest.Monkey
     best, other = found("light_drift", 1.0), found("hot_pixels", 1.01)
     assert not tied_with(PROBLEM, best, [best, other], SCORES, [1, 2], ["light_drift", "hot_pixels"], 1)
     assert asked == [("light_drift", "hot_pixels")]
+
+
+@pytest.mark.parametrize(("refitted", "tied"), [(True, ("leak",)), (False, ())])
+def test_lines_that_promise_nothing_of_a_refitted_twin_do_not_tell_it(
+    monkeypatch: pytest.MonkeyPatch, refitted: bool, tied: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(ties, "separation", lambda *_: 1.2)
+    best, twin = found("light_drift", 1.0), found("leak", 1.07)
+    scores = SimpleNamespace(**{**vars(SCORES), "drop": np.array([0.0, 67.0, 0.0])})
+    known = [best, twin] if refitted else [best]
+    assert tied_with(PROBLEM, best, known, scores, [0, 1, 2], (), 1) == tied  # type: ignore[arg-type]
