@@ -49,8 +49,8 @@ def time_grid_us(points: Sequence[PointData]) -> float | None:
     """
     times = [np.unique(events["t"].astype(np.float64)) for p in points for events in p.events()]
     after_a_pause = [t[1:][np.diff(t) > _PAUSE_US] for t in times]
-    unlike = {float(between) for t in after_a_pause for between in np.diff(t)}
-    found = _step_us([t - t[0] for t in after_a_pause if len(t)]) if len(unlike) >= _UNLIKE else None
+    unlike = np.unique(np.concatenate([np.empty(0), *map(np.diff, after_a_pause)])).size
+    found = _step_us([t - t[0] for t in after_a_pause if len(t)]) if unlike >= _UNLIKE else None
     return _step_us(times) if found is None else found
 
 

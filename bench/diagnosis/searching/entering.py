@@ -17,8 +17,8 @@ from bench.diagnosis.expected.catalogue import details_of
 from bench.diagnosis.expected.problem import Slot
 from bench.diagnosis.fitting.approach import scanned
 from bench.diagnosis.fitting.cloud import Cloud
-from bench.diagnosis.fitting.steps import inside
-from bench.diagnosis.searching.race import switches_of
+from bench.diagnosis.fitting.steps import with_coordinate
+from bench.diagnosis.searching.race import other_sizes
 
 if TYPE_CHECKING:
     from bench.diagnosis.expected.problem import Problem
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["with_what_sets_in"]
 
-#: Sizes of the effect, beside that of the catalogue, that are tried with each value.
-_SIZES: Final = (0.03, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 #: A loss lower by this share is that of another value, and not of chance.
 _BETTER: Final = 0.1
 
@@ -54,12 +52,5 @@ def with_what_sets_in(problem: Problem, one: Approach) -> Approach:
 
 def _best_size(problem: Problem, one: Approach, coordinates: tuple[float, ...]) -> Approach:
     """Return the best of some sizes of an effect with some coordinates of its last number."""
-    mine = switches_of(one)[:1]
-    size = one.slots[mine[0]].free
-    places = []
-    for factor, last in product(_SIZES, coordinates):
-        to = one.at.copy()
-        to[mine] = factor * size.coordinate(size.probe)
-        to[-1] = last
-        places.append(inside(one.slots, to))
-    return scanned(problem, one, places)
+    tries = product(other_sizes(one), coordinates)
+    return scanned(problem, one, [with_coordinate(place, -1, last) for place, last in tries])

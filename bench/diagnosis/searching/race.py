@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Raced", "entrant", "near_by", "race", "switches_of"]
+__all__ = ["Raced", "entrant", "near_by", "other_sizes", "race", "switches_of"]
 
 #: Steps of a way where the model was far off, and where it was not; and the relative error that what is expected may
 #: have at the start where it was.
@@ -192,7 +192,7 @@ def _resized(problem: Problem, way: Approach) -> Approach:
     may a size beside a shape: slow noise of twice the rms and four times the time wanders as far in a pulse.
     """
     for _ in range(_VALLEYS):
-        seen = scanned(problem, way, [*_other_sizes(way), *_other_shapes(problem, way)])
+        seen = scanned(problem, way, [*other_sizes(way), *_other_shapes(problem, way)])
         if seen.loss > way.loss - _CLEARLY:
             return replace(way, cloud=seen.cloud)
         again = _along(problem, seen, _FAR, _LESS_WRONG, _SHORT_OF)
@@ -200,7 +200,7 @@ def _resized(problem: Problem, way: Approach) -> Approach:
     return way
 
 
-def _other_sizes(way: Approach) -> Iterator[Floats]:
+def other_sizes(way: Approach) -> Iterator[Floats]:
     """Yield places where the effect has another size, beside that of the catalogue."""
     mine = switches_of(way)
     for factor in _SCANS[0]:
